@@ -1,0 +1,3 @@
+//! Native tool of landline.
+
+fn main() {}

@@ -1,0 +1,13 @@
+//! What a coordinate means: rigid transforms between named spaces, cameras, pixels, segments.
+//!
+//! Spaces: world (right-handed, metres when metric), camera (x right, y down, z forward), image (corner-based pixels).
+
+mod camera;
+mod pixel;
+mod segment;
+mod spaces;
+
+pub use camera::{Camera, CameraModel};
+pub use pixel::{Pixel, PixelMap, Sensor, Working, WorkingFromSensor};
+pub use segment::{ScenePoint, SceneSegment, Segment2};
+pub use spaces::{Cam, CamFromWorld, Rigid, World, WorldFromCam};

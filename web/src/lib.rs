@@ -1,0 +1,1 @@
+//! Browser binding of landline: converts types and nothing else.

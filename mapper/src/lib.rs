@@ -1,1 +1,4 @@
-//! Library behind the native tool `landline`.
+//! Library behind the native tool `landline`: data set readers, labels, training, evaluation, model conversion.
+
+pub mod cmd;
+pub mod picture;

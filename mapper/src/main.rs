@@ -1,3 +1,26 @@
-//! Native tool of landline.
+//! Native tool of landline. This file is only the table of commands: each is one file in `cmd`, with its `Args` and
+//! `run`.
 
-fn main() {}
+use anyhow::Result;
+use clap::{Parser, Subcommand};
+use landline_mapper::cmd;
+
+/// Teaches a place, evaluates scenes, locates pictures, converts models.
+#[derive(Debug, Parser)]
+#[command(name = "landline", version, propagate_version = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+// Keep alphabetical; the first doc line of a command's `Args` is its help.
+#[derive(Debug, Subcommand)]
+enum Command {
+    Data(cmd::data::Args),
+}
+
+fn main() -> Result<()> {
+    match Cli::parse().command {
+        Command::Data(args) => cmd::data::run(args),
+    }
+}

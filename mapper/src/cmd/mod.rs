@@ -1,0 +1,3 @@
+//! The commands of the tool, one file each: `Args` for clap and `run`. Keep alphabetical.
+
+pub mod data;

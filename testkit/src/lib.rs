@@ -1,1 +1,6 @@
-//! Test support of landline.
+//! Test support of landline. Used by `tests/`, `benches/` and the tests of `mapper` and `web`; the core's unit tests
+//! keep their data inline.
+
+mod data;
+
+pub use data::{shared_data, skip, skip_without_gpu};

@@ -7,7 +7,7 @@ mod pixel;
 mod segment;
 mod spaces;
 
-pub use camera::{Camera, CameraModel};
+pub use camera::{Camera, CameraError, CameraModel};
 pub use pixel::{Pixel, PixelMap, Sensor, Working, WorkingFromSensor};
 pub use segment::{ScenePoint, SceneSegment, Segment2};
 pub use spaces::{Cam, CamFromWorld, Rigid, World, WorldFromCam};

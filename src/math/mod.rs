@@ -1,1 +1,11 @@
-//! To be written.
+//! Numbers without meaning: polynomial roots, robust statistics, the seeded generator, the software libm.
+//!
+//! Input and output are plain `f64`; no spaces, no units.
+//! Nothing here allocates, reads a clock or depends on the target: native and wasm give the same bits.
+
+pub mod elementary;
+pub mod poly;
+mod rng;
+pub mod stats;
+
+pub use rng::Rng;

@@ -1,0 +1,288 @@
+//! Real roots of polynomials: what the minimal pose solvers need, nothing more.
+//!
+//! Coefficients are stored constant term first.
+//! The octic solver brackets by the critical points of the derivative chain, on the two charts x in [-1, 1] and
+//! 1/x in [-1, 1], so that no root is missed by sampling and no large power is formed.
+//! Cost: no allocation, a few hundred evaluations at worst.
+
+use super::elementary::cbrt;
+
+/// Roots of a x^2 + b x + c as ratios (numerator, denominator), which stay finite when a is 0.
+/// A slightly negative discriminant (relative to b^2, from rounding at a double root) counts as zero.
+pub fn quadratic_ratios(a: f64, b: f64, c: f64) -> Option<[(f64, f64); 2]> {
+    let mut d = b * b - 4.0 * a * c;
+    if d < 0.0 {
+        if d < -1e-9 * b * b {
+            return None;
+        }
+        d = 0.0;
+    }
+    let q = -0.5 * (b + d.sqrt().copysign(b));
+    Some([(q, a), (c, q)])
+}
+
+/// One real root of the monic cubic x^3 + c2 x^2 + c1 x + c0.
+///
+/// Shifted to its inflection point the cubic is t^3 - 3 h t = |f|; Newton from a proven upper bound on the convex side
+/// is monotone, so there is no trigonometry and no case that fails to converge.
+pub fn cubic_root(c2: f64, c1: f64, c0: f64) -> f64 {
+    let inflection = -c2 / 3.0;
+    let f0 = ((inflection + c2) * inflection + c1) * inflection + c0;
+    let h2 = (c2 * c2 - 3.0 * c1) / 9.0;
+    let sign = if f0 <= 0.0 { 1.0 } else { -1.0 };
+    let a = f0.abs();
+    let mut t = if a == 0.0 {
+        if h2 > 0.0 { (3.0 * h2).sqrt() } else { 0.0 }
+    } else if h2 >= 0.0 {
+        (3.0 * h2).sqrt() + cbrt(a)
+    } else {
+        cbrt(a).min(a / (-3.0 * h2))
+    };
+    if a != 0.0 {
+        for _ in 0..30 {
+            let slope = 3.0 * (t * t - h2);
+            if slope <= 0.0 {
+                break;
+            }
+            let next = t - (t * (t * t - 3.0 * h2) - a) / slope;
+            if !(next < t) {
+                break;
+            }
+            t = next;
+        }
+    }
+    let mut x = inflection + sign * t;
+    for _ in 0..2 {
+        let slope = (3.0 * x + 2.0 * c2) * x + c1;
+        if slope == 0.0 {
+            break;
+        }
+        x -= (((x + c2) * x + c1) * x + c0) / slope;
+    }
+    x
+}
+
+/// Value of a polynomial.
+pub fn eval(coefficients: &[f64], x: f64) -> f64 {
+    coefficients.iter().rev().fold(0.0, |sum, &c| sum * x + c)
+}
+
+/// Value and first derivative.
+pub fn eval_with_slope(coefficients: &[f64], x: f64) -> (f64, f64) {
+    let (mut value, mut slope) = (0.0, 0.0);
+    for &c in coefficients.iter().rev() {
+        slope = slope * x + value;
+        value = value * x + c;
+    }
+    (value, slope)
+}
+
+/// Largest degree that [`real_root_ratios`] takes.
+pub const MAX_DEGREE: usize = 8;
+
+/// Up to eight real roots as ratios (numerator, denominator) with both parts in [-1, 1].
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Roots {
+    ratios: [(f64, f64); 2 * MAX_DEGREE],
+    len: usize,
+}
+
+impl Roots {
+    /// The roots.
+    pub fn as_slice(&self) -> &[(f64, f64)] {
+        &self.ratios[..self.len]
+    }
+
+    fn push(&mut self, ratio: (f64, f64)) {
+        if self.len < self.ratios.len() {
+            self.ratios[self.len] = ratio;
+            self.len += 1;
+        }
+    }
+}
+
+/// All real roots of a polynomial of degree 8, near-double ones included once.
+pub fn real_root_ratios(coefficients: &[f64; MAX_DEGREE + 1]) -> Roots {
+    let mut roots = Roots::default();
+    let scale = coefficients.iter().fold(0.0f64, |m, c| m.max(c.abs()));
+    if !(scale > 0.0) || !scale.is_finite() {
+        return roots;
+    }
+    let mut p = coefficients.map(|c| c / scale);
+    let mut found = [0.0; MAX_DEGREE];
+    let n = roots_in_unit_interval(&p, &mut found);
+    for &x in &found[..n] {
+        roots.push((x, 1.0));
+    }
+    p.reverse();
+    let n = roots_in_unit_interval(&p, &mut found);
+    for &x in &found[..n] {
+        // |x| = 1 belongs to the first chart.
+        if x.abs() < 1.0 {
+            roots.push((1.0, x));
+        }
+    }
+    roots
+}
+
+/// Roots in [-1, 1] by the derivative chain: between two neighbouring critical points there is at most one.
+fn roots_in_unit_interval(p: &[f64; MAX_DEGREE + 1], out: &mut [f64; MAX_DEGREE]) -> usize {
+    // derivatives[k] is the k-th derivative divided by k!, so that coefficients stay of one magnitude.
+    let mut chain = [[0.0; MAX_DEGREE + 1]; MAX_DEGREE];
+    chain[0] = *p;
+    for k in 1..MAX_DEGREE {
+        for i in 0..=(MAX_DEGREE - k) {
+            chain[k][i] = chain[k - 1][i + 1] * (i + 1) as f64;
+        }
+        let m = chain[k].iter().fold(0.0f64, |m, c| m.max(c.abs()));
+        if m > 0.0 {
+            for c in &mut chain[k] {
+                *c /= m;
+            }
+        }
+    }
+    let mut critical = [0.0; MAX_DEGREE];
+    let mut num_critical = 0;
+    for k in (0..MAX_DEGREE).rev() {
+        let q = &chain[k][..=(MAX_DEGREE - k)];
+        let tiny = 1e-13 * q.iter().map(|c| c.abs()).sum::<f64>();
+        let mut found = [0.0; MAX_DEGREE];
+        let mut n = 0;
+        let mut left = -1.0;
+        let mut f_left = eval(q, left);
+        for i in 0..=num_critical {
+            let right = if i < num_critical { critical[i] } else { 1.0 };
+            let f_right = eval(q, right);
+            if n < found.len() {
+                if f_left == 0.0 {
+                    if n == 0 || found[n - 1] != left {
+                        found[n] = left;
+                        n += 1;
+                    }
+                } else if f_left * f_right < 0.0 {
+                    found[n] = bracketed_root(q, left, right, f_left);
+                    n += 1;
+                } else if f_right.abs() <= tiny && i < num_critical {
+                    // A double root that rounding lifted off the axis; a chain entry here costs nothing.
+                    found[n] = right;
+                    n += 1;
+                }
+            }
+            left = right;
+            f_left = f_right;
+        }
+        if f_left == 0.0 && n < found.len() && (n == 0 || found[n - 1] != left) {
+            found[n] = left;
+            n += 1;
+        }
+        critical = found;
+        num_critical = n;
+    }
+    *out = critical;
+    num_critical
+}
+
+/// Newton kept inside a bracket by bisection.
+fn bracketed_root(q: &[f64], mut left: f64, mut right: f64, f_left: f64) -> f64 {
+    let rising = f_left < 0.0;
+    let mut x = 0.5 * (left + right);
+    for _ in 0..60 {
+        let (f, slope) = eval_with_slope(q, x);
+        if f == 0.0 {
+            return x;
+        }
+        if (f < 0.0) == rising {
+            left = x;
+        } else {
+            right = x;
+        }
+        let mut next = x - f / slope;
+        if !(next > left && next < right) {
+            next = 0.5 * (left + right);
+        }
+        if (next - x).abs() <= 4e-16 * (1.0 + x.abs()) {
+            return next;
+        }
+        x = next;
+    }
+    x
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Rng;
+
+    #[test]
+    fn cubic_root_solves_random_and_degenerate_cubics() {
+        let mut rng = Rng::from_seed(1);
+        for i in 0..20_000 {
+            let [a, b, c] = if i % 10 == 0 {
+                let (r, s) = (rng.range(-3.0, 3.0), rng.range(-3.0, 3.0)); // double root r
+                [-(2.0 * r + s), r * r + 2.0 * r * s, -r * r * s]
+            } else {
+                [rng.normal() * 3.0, rng.normal() * 3.0, rng.normal() * 3.0]
+            };
+            let x = cubic_root(a, b, c);
+            let size = x.abs().powi(3) + (a * x * x).abs() + (b * x).abs() + c.abs();
+            let value = ((x + a) * x + b) * x + c;
+            assert!(value.abs() <= 1e-14 * size + 1e-300, "{a} {b} {c}: {value}");
+        }
+    }
+
+    #[test]
+    fn octic_finds_every_planted_root() {
+        let mut rng = Rng::from_seed(2);
+        for _ in 0..2_000 {
+            let roots: [f64; 4] = core::array::from_fn(|_| rng.normal() * 2.0);
+            let mut p = [0.0; 9];
+            p[0] = 1.0;
+            let mut degree = 0;
+            let mut multiply = |factor: &[f64]| {
+                let mut q = [0.0; 9];
+                for i in 0..=degree {
+                    for (j, f) in factor.iter().enumerate() {
+                        q[i + j] += p[i] * f;
+                    }
+                }
+                degree += factor.len() - 1;
+                p = q;
+            };
+            for r in roots {
+                multiply(&[-r, 1.0]);
+            }
+            for _ in 0..2 {
+                let (re, im) = (rng.normal(), 0.5 + rng.uniform());
+                multiply(&[re * re + im * im, -2.0 * re, 1.0]);
+            }
+            let found = real_root_ratios(&p);
+            let gap = (0..4)
+                .flat_map(|i| (0..i).map(move |j| (i, j)))
+                .map(|(i, j)| (roots[i] - roots[j]).abs())
+                .fold(1.0, f64::min);
+            if gap < 1e-3 {
+                continue;
+            }
+            assert_eq!(found.as_slice().len(), 4, "{roots:?}");
+            for r in roots {
+                assert!(
+                    found
+                        .as_slice()
+                        .iter()
+                        .any(|(a, b)| (a / b - r).abs() < 1e-7 * (1.0 + r.abs())),
+                    "{r} missing"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn quadratic_keeps_the_root_at_infinity() {
+        let roots = quadratic_ratios(0.0, 2.0, -4.0).expect("real");
+        assert_eq!(roots[0].1, 0.0);
+        assert_eq!(roots[1].0 / roots[1].1, 2.0);
+        assert!(quadratic_ratios(1.0, 0.0, 1.0).is_none());
+        assert!(real_root_ratios(&[f64::NAN; 9]).as_slice().is_empty());
+        assert!(real_root_ratios(&[0.0; 9]).as_slice().is_empty());
+    }
+}

@@ -1,0 +1,129 @@
+/** The engine's side: owns the wasm instance, feeds it pixels, reads its numbers. Runs in a worker or on the caller's thread. */
+import { asLandlineError, LandlineError } from "./errors.js";
+import { decodeResult } from "./decode.js";
+import { sizeOf } from "./frames.js";
+import type { Created, CreateRequest, LocateRequest, MemoryUse, WireFrame } from "./protocol.js";
+import { instantiate, RawRelocalizer } from "./raw.js";
+import type { Include, LiveOptions, LocateResult, SceneInfo } from "./types.js";
+
+const formatCode = { luma8: 0, rgba8: 1, rgb8: 2 } as const;
+const includeBit: Record<Include, number> = { points: 1, lines: 2, segments: 4 };
+const sourceCode: Record<string, number> = { given: 0, track: 1, exif: 2 };
+
+type Canvas = OffscreenCanvas | HTMLCanvasElement;
+type Context = OffscreenCanvasRenderingContext2D | CanvasRenderingContext2D;
+
+export class Engine {
+  #raw: RawRelocalizer | undefined;
+  readonly #memory: WebAssembly.Memory;
+  #context: Context | undefined;
+  #broken: LandlineError | undefined;
+
+  private constructor(raw: RawRelocalizer, memory: WebAssembly.Memory) {
+    this.#raw = raw;
+    this.#memory = memory;
+  }
+
+  static async create(request: CreateRequest): Promise<{ engine: Engine; created: Created }> {
+    const memory = await instantiate(request.module);
+    try {
+      const raw = await RawRelocalizer.create(request.extractor, request.scene, request.device, JSON.stringify(request.options));
+      const scene = JSON.parse(raw.sceneInfo()) as SceneInfo;
+      return {
+        engine: new Engine(raw, memory),
+        created: { scene, backend: raw.backend() as Created["backend"], backendReason: raw.backendReason() },
+      };
+    } catch (error) {
+      throw asLandlineError(error);
+    }
+  }
+
+  async locate(request: LocateRequest): Promise<LocateResult> {
+    const raw = this.#alive();
+    const { frame } = request;
+    try {
+      const { width, height } = sizeOf(frame);
+      const pixels = this.#pixels(frame, width, height);
+      const { data } = pixels;
+      // The address is taken after the engine has made room: growing memory moves nothing, but detaches older views.
+      const at = raw.frameBuffer(data.length);
+      new Uint8Array(this.#memory.buffer, at, data.length).set(data);
+      const k = request.intrinsics;
+      const transferMs = performance.timeOrigin + performance.now() - request.calledAt;
+      await raw.locate(
+        width,
+        height,
+        pixels.stride,
+        formatCode[pixels.format],
+        k ? Float64Array.of(k.fx, k.fy, k.cx, k.cy) : new Float64Array(0),
+        sourceCode[request.intrinsicsSource] ?? 0,
+        request.timestampMs,
+        request.camera,
+        request.tracking,
+        request.include.reduce((bits, name) => bits | includeBit[name], 0),
+      );
+      const numbers = new Float64Array(this.#memory.buffer, raw.resultAddress(), raw.resultLength());
+      return decodeResult(numbers, { timestampMs: request.timestampMs, transferMs, include: request.include, backendReason: raw.backendReason() });
+    } catch (error) {
+      throw this.#note(error);
+    } finally {
+      if (!("data" in frame)) frame.close();
+    }
+  }
+
+  setOptions(options: LiveOptions): void {
+    try {
+      this.#alive().setOptions(JSON.stringify(options));
+    } catch (error) {
+      throw this.#note(error);
+    }
+  }
+
+  /** Forgets the track: the next frame is located from nothing. */
+  reset(): void {
+    this.#alive().reset();
+  }
+
+  memory(): MemoryUse {
+    return { wasmBytes: this.#memory.buffer.byteLength };
+  }
+
+  dispose(): void {
+    const raw = this.#raw;
+    this.#raw = undefined;
+    // A panicked instance may hold its own borrow for ever; freeing it would throw, and it is lost anyway.
+    if (!this.#broken) raw?.free();
+  }
+
+  #alive(): RawRelocalizer {
+    if (this.#broken) throw this.#broken;
+    if (!this.#raw) throw new LandlineError("disposed", "this relocalizer was disposed of");
+    return this.#raw;
+  }
+
+  #note(error: unknown): LandlineError {
+    const landline = asLandlineError(error);
+    if (landline.code === "panicked") this.#broken = landline;
+    return landline;
+  }
+
+  #pixels(frame: WireFrame, width: number, height: number): { data: Uint8Array | Uint8ClampedArray; stride: number; format: keyof typeof formatCode } {
+    if ("data" in frame) return { data: frame.data, stride: frame.stride ?? 0, format: frame.format };
+    const context = this.#canvas(width, height);
+    context.drawImage(frame as CanvasImageSource, 0, 0, width, height);
+    return { data: context.getImageData(0, 0, width, height).data, stride: 4 * width, format: "rgba8" };
+  }
+
+  #canvas(width: number, height: number): Context {
+    let context = this.#context;
+    if (!context) {
+      const canvas: Canvas = typeof OffscreenCanvas === "function" ? new OffscreenCanvas(width, height) : document.createElement("canvas");
+      context = (canvas.getContext("2d", { willReadFrequently: true, alpha: false }) as Context | null) ?? undefined;
+      if (!context) throw new LandlineError("unsupported", "this browser gives no 2D canvas to read pixels with");
+      this.#context = context;
+    }
+    if (context.canvas.width !== width) context.canvas.width = width;
+    if (context.canvas.height !== height) context.canvas.height = height;
+    return context;
+  }
+}

@@ -1,0 +1,89 @@
+/** Everything that can go wrong, as stable codes. "No position found" is not among them: that is a result. */
+export type LandlineErrorCode =
+  /** The browser lacks something that is needed; `message` says what. */
+  | "unsupported"
+  /** A file could not be loaded: network, HTTP status, or the server sent a web page instead. */
+  | "asset-fetch"
+  /** The engine's wasm file arrived, but is not wasm. */
+  | "asset-mime"
+  /** A file differs from the checksum that was asked for. */
+  | "asset-integrity"
+  /** The scene file was written for a newer or unknown version of the format. */
+  | "scene-version"
+  /** The scene file is damaged, cut short, or no scene file at all. */
+  | "scene-corrupt"
+  /** The scene was taught on descriptors of another extractor. */
+  | "scene-extractor"
+  /** The extractor's weights are damaged or of another network. */
+  | "extractor-corrupt"
+  /** The WebGPU device is gone and cannot be replaced. */
+  | "webgpu-lost"
+  /** Memory could not be had. */
+  | "out-of-memory"
+  /** An argument makes no sense; `message` names it and its value. */
+  | "bad-input"
+  /** The camera is not there, busy, or not allowed. */
+  | "camera-unavailable"
+  | "camera-denied"
+  | "camera-busy"
+  | "camera-insecure"
+  /** A defect inside the engine. This instance cannot go on; create a new one. */
+  | "panicked"
+  /** `dispose()` was called before or during this call. */
+  | "disposed";
+
+/** Every error that this package raises itself. Cancelling by a signal rejects with the signal's own reason. */
+export class LandlineError extends Error {
+  override readonly name = "LandlineError";
+  /** Stable; made for `switch`. */
+  readonly code: LandlineErrorCode;
+  /** What the reader can do about it, one sentence; empty when there is nothing. */
+  readonly hint: string;
+
+  constructor(code: LandlineErrorCode, message: string, hint = "", cause?: unknown) {
+    super(message, cause === undefined ? undefined : { cause });
+    this.code = code;
+    this.hint = hint;
+  }
+}
+
+/** The fields of an error that survive a trip between threads. */
+export interface PlainError {
+  code: string;
+  message: string;
+  hint: string;
+}
+
+const hints: Partial<Record<LandlineErrorCode, string>> = {
+  "scene-version": "Update this page, or export the scene again with a matching version of the landline tool.",
+  "scene-corrupt": "Choose a file that ends in .landline, or export or download it again.",
+  "scene-extractor": "Load the scene with the extractor it names, or teach the scene again with this one.",
+  "extractor-corrupt": "Load the extractor's file again; clear this site's cache if it keeps failing.",
+  "out-of-memory": "Close other tabs, or use smaller pictures.",
+  panicked: "Create the relocalizer again; please report how to repeat this.",
+};
+
+/** Makes a `LandlineError` from anything thrown by the engine or the other thread. */
+export function asLandlineError(thrown: unknown): LandlineError {
+  if (thrown instanceof LandlineError) return thrown;
+  const fields = thrown as Partial<PlainError> | null | undefined;
+  const message = typeof fields?.message === "string" ? fields.message : String(thrown);
+  if (typeof fields?.code === "string" && fields.code !== "") {
+    const code = fields.code as LandlineErrorCode;
+    return new LandlineError(code, message, fields.hint || hints[code] || "", thrown);
+  }
+  // A trap leaves the wasm instance in an unknown state: nothing that it returns afterwards can be trusted.
+  if (typeof WebAssembly !== "undefined" && thrown instanceof WebAssembly.RuntimeError) {
+    return new LandlineError("panicked", `the engine stopped: ${message}`, hints.panicked, thrown);
+  }
+  if (thrown instanceof RangeError && /memory|allocation/i.test(message)) {
+    return new LandlineError("out-of-memory", message, hints["out-of-memory"], thrown);
+  }
+  return new LandlineError("panicked", message, hints.panicked, thrown);
+}
+
+/** The opposite of `asLandlineError`, for messages between threads. */
+export function plainError(thrown: unknown): PlainError {
+  const error = asLandlineError(thrown);
+  return { code: error.code, message: error.message, hint: error.hint };
+}

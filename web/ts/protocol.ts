@@ -1,0 +1,56 @@
+/** Messages between the page and the worker. */
+import type { PlainError } from "./errors.js";
+import type { Device, Include, Intrinsics, IntrinsicsSource, LiveOptions, LocateResult, RawFrame, SceneInfo, Backend } from "./types.js";
+
+/** Pixels, or something that the worker can draw. */
+export type WireFrame = RawFrame | ImageBitmap | VideoFrame;
+
+export interface CreateRequest {
+  module: WebAssembly.Module;
+  extractor: Uint8Array;
+  scene: Uint8Array;
+  device: Device;
+  options: LiveOptions;
+}
+
+export interface LocateRequest {
+  frame: WireFrame;
+  intrinsics?: Intrinsics;
+  intrinsicsSource: IntrinsicsSource;
+  timestampMs: number;
+  include: readonly Include[];
+  camera: string;
+  tracking: boolean;
+  /** `performance.now()` plus its origin when `locate` was called. */
+  calledAt: number;
+}
+
+export interface Created {
+  scene: SceneInfo;
+  backend: Backend;
+  backendReason: string;
+}
+
+/** What the engine holds, in bytes. */
+export interface MemoryUse {
+  wasmBytes: number;
+}
+
+export interface Calls {
+  create: { request: CreateRequest; reply: Created };
+  locate: { request: LocateRequest; reply: LocateResult };
+  setOptions: { request: LiveOptions; reply: null };
+  reset: { request: null; reply: null };
+  memory: { request: null; reply: MemoryUse };
+  dispose: { request: null; reply: null };
+}
+
+export type CallName = keyof Calls;
+
+export interface Request<N extends CallName = CallName> {
+  id: number;
+  call: N;
+  request: Calls[N]["request"];
+}
+
+export type Reply = { id: number; ok: true; reply: unknown } | { id: number; ok: false; error: PlainError };

@@ -1,0 +1,218 @@
+/** The public class. */
+import { loadBytes } from "./assets.js";
+import { DirectChannel, WorkerChannel, type Channel } from "./channel.js";
+import { LandlineError } from "./errors.js";
+import { intrinsicsForFrame, prepareFrame, sizeOf } from "./frames.js";
+import { loadEngine } from "./init.js";
+import type { MemoryUse } from "./protocol.js";
+import { isNode } from "./support.js";
+import type { Backend, CreateOptions, Device, FrameSource, Intrinsics, IntrinsicsSource, LiveOptions, LocateOptions, LocateResult, SceneInfo } from "./types.js";
+
+/** Where the extractor's weights lie in this package. */
+export function packagedExtractorUrl(): URL {
+  return new URL("./xfeat.safetensors", import.meta.url);
+}
+
+/** What `searching`, `tracking` and `limited` listeners get; `detail` is the result that led there. */
+export type StateEvent = CustomEvent<LocateResult>;
+
+const devices: readonly Device[] = ["auto", "webgpu", "cpu"];
+
+/**
+ * Finds the camera in one taught place.
+ *
+ * Raises the events `searching`, `tracking` and `limited` (`CustomEvent` with the result as `detail`) whenever the
+ * state over several frames changes, and `result` for every frame.
+ */
+export class Relocalizer extends EventTarget {
+  readonly #channel: Channel;
+  readonly #toThread: boolean;
+  /** What the scene file says about itself. */
+  readonly scene: SceneInfo;
+  #backend: Backend;
+  #backendReason: string;
+  #state: LocateResult["state"] = "searching";
+  #disposed = false;
+  #inFlight = 0;
+
+  private constructor(channel: Channel, toThread: boolean, scene: SceneInfo, backend: Backend, backendReason: string) {
+    super();
+    this.#channel = channel;
+    this.#toThread = toThread;
+    this.scene = scene;
+    this.#backend = backend;
+    this.#backendReason = backendReason;
+  }
+
+  /** Loads the engine, the extractor and the scene, side by side, and makes them ready. */
+  static async create(options: CreateOptions): Promise<Relocalizer> {
+    if (options === null || typeof options !== "object" || options.scene === undefined) {
+      throw new LandlineError("bad-input", "create() needs { scene }", "Pass the address or the bytes of a .landline file.");
+    }
+    const { signal, onProgress, fetch, cache, integrity, wasm, device = "auto" } = options;
+    if (!devices.includes(device)) {
+      throw new LandlineError("bad-input", `device ${JSON.stringify(device)} is unknown`, "Use auto, webgpu or cpu.");
+    }
+    signal?.throwIfAborted();
+    // When one of the three fails the others are of no use any more.
+    const stop = new AbortController();
+    const forward = (): void => stop.abort(signal?.reason);
+    signal?.addEventListener("abort", forward, { once: true });
+    const common = { onProgress, cache, fetch, signal: stop.signal };
+    try {
+      const parts = await Promise.all([
+        loadEngine({ wasm, onProgress, fetch, signal: stop.signal }),
+        loadBytes(options.extractor ?? packagedExtractorUrl(), { ...common, file: "extractor", integrity: integrity?.extractor }),
+        loadBytes(options.scene, { ...common, file: "scene", integrity: integrity?.scene }),
+      ]).catch((error: unknown) => {
+        stop.abort(error);
+        throw error;
+      });
+      const [module, extractor, scene] = parts;
+      onProgress?.({ status: "prepare" });
+      const useWorker = options.worker ?? !isNode();
+      const channel: Channel = useWorker ? new WorkerChannel(options.workerUrl) : new DirectChannel();
+      const abort = (): void => channel.close();
+      signal?.addEventListener("abort", abort, { once: true });
+      try {
+        const created = await channel.call(
+          "create",
+          { module, extractor, scene, device, options: liveOptions(options) },
+          useWorker ? [extractor.buffer, scene.buffer] : [],
+        );
+        signal?.throwIfAborted();
+        onProgress?.({ status: "ready", backend: created.backend, backendReason: created.backendReason });
+        return new Relocalizer(channel, useWorker, created.scene, created.backend, created.backendReason);
+      } catch (error) {
+        channel.close();
+        signal?.throwIfAborted();
+        throw error;
+      } finally {
+        signal?.removeEventListener("abort", abort);
+      }
+    } finally {
+      signal?.removeEventListener("abort", forward);
+    }
+  }
+
+  /** What executes the networks. */
+  get backend(): Backend {
+    return this.#backend;
+  }
+
+  /** Why not something faster. */
+  get backendReason(): string {
+    return this.#backendReason;
+  }
+
+  get state(): LocateResult["state"] {
+    return this.#state;
+  }
+
+  /** True while no frame is under way: the moment to hand in the newest one. */
+  get idle(): boolean {
+    return this.#inFlight === 0 && !this.#disposed;
+  }
+
+  /** Finds the camera of one frame. Frames are answered in the order of the calls. */
+  async locate(source: FrameSource, options: LocateOptions = {}): Promise<LocateResult> {
+    this.#check();
+    options.signal?.throwIfAborted();
+    this.#inFlight += 1;
+    try {
+      const calledAt = performance.timeOrigin + performance.now();
+      const prepared = await prepareFrame(source, options.transfer ?? false, this.#toThread);
+      const { frame } = prepared;
+      let intrinsics: Intrinsics | undefined;
+      let intrinsicsSource: IntrinsicsSource = "given";
+      try {
+        this.#check();
+        options.signal?.throwIfAborted();
+        const { width, height } = sizeOf(frame);
+        if (options.intrinsics) {
+          intrinsics = intrinsicsForFrame(options.intrinsics, width, height);
+        } else if (prepared.exif) {
+          intrinsics = intrinsicsForFrame(prepared.exif, width, height);
+          intrinsicsSource = "exif";
+        }
+      } catch (error) {
+        if (!("data" in frame)) frame.close();
+        throw error;
+      }
+      const result = await this.#channel.call(
+        "locate",
+        {
+          frame,
+          ...(intrinsics ? { intrinsics } : {}),
+          intrinsicsSource,
+          timestampMs: options.timestamp ?? calledAt,
+          include: options.include ?? [],
+          camera: options.camera ?? "",
+          tracking: options.tracking ?? false,
+          calledAt,
+        },
+        prepared.transfer,
+      );
+      // A cancelled frame was computed all the same; its answer is withheld, its effect on tracking stays.
+      options.signal?.throwIfAborted();
+      this.#publish(result);
+      return result;
+    } finally {
+      this.#inFlight -= 1;
+    }
+  }
+
+  /** Changes options; those left out stay. */
+  async setOptions(options: LiveOptions): Promise<void> {
+    this.#check();
+    await this.#channel.call("setOptions", liveOptions(options));
+  }
+
+  /** Forgets where the camera was: the next frame is located from nothing. */
+  async reset(): Promise<void> {
+    this.#check();
+    await this.#channel.call("reset", null);
+    this.#state = "searching";
+  }
+
+  /** Bytes that the engine holds. */
+  async memory(): Promise<MemoryUse> {
+    this.#check();
+    return this.#channel.call("memory", null);
+  }
+
+  /** Ends the worker and frees everything. Frames under way reject with `disposed`. Calling it twice is fine. */
+  async dispose(): Promise<void> {
+    if (this.#disposed) return;
+    this.#disposed = true;
+    this.#channel.close();
+  }
+
+  async [Symbol.asyncDispose](): Promise<void> {
+    await this.dispose();
+  }
+
+  #check(): void {
+    if (this.#disposed) throw new LandlineError("disposed", "this relocalizer was disposed of");
+  }
+
+  #publish(result: LocateResult): void {
+    this.#backend = result.backend;
+    this.#backendReason = result.backendReason;
+    this.dispatchEvent(new CustomEvent("result", { detail: result }));
+    if (result.state !== this.#state) {
+      this.#state = result.state;
+      this.dispatchEvent(new CustomEvent(result.state, { detail: result }));
+    }
+  }
+}
+
+/** The live options among others, without those that are not set. */
+function liveOptions(options: LiveOptions): LiveOptions {
+  const live: LiveOptions = {};
+  const copy = <K extends keyof LiveOptions>(key: K): void => {
+    if (options[key] !== undefined) live[key] = options[key];
+  };
+  (["smoothing", "maxSide", "timeBudgetMs", "seed", "maxPointErrorPx", "maxLineErrorPx"] as const).forEach(copy);
+  return live;
+}

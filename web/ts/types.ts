@@ -1,0 +1,274 @@
+/** Types of the public interface. No code, no imports. */
+
+/** What executes the networks. `auto` takes WebGPU where it is present, correct and faster. */
+export type Device = "auto" | "webgpu" | "cpu";
+
+/** What really executes them. */
+export type Backend = "webgpu" | "cpu";
+
+/** Where bytes come from. A `string` is a URL (under Node also a path). */
+export type BytesSource = string | URL | ArrayBuffer | Uint8Array | Blob | ReadableStream<Uint8Array>;
+
+/** Pixels in memory. `stride` is in bytes and defaults to tight rows. */
+export interface RawFrame {
+  data: Uint8Array | Uint8ClampedArray;
+  width: number;
+  height: number;
+  stride?: number;
+  format: "luma8" | "rgb8" | "rgba8";
+}
+
+/** One picture. Under Node: `RawFrame` or anything shaped like `ImageData`. */
+export type FrameSource =
+  | RawFrame
+  | ImageData
+  | ImageBitmap
+  | VideoFrame
+  | Blob
+  | HTMLCanvasElement
+  | OffscreenCanvas
+  | HTMLVideoElement
+  | HTMLImageElement;
+
+/** Pinhole intrinsics in pixels of a picture of the stated size; corner-based (first pixel's centre is 0.5, 0.5). */
+export interface Intrinsics {
+  fx: number;
+  fy: number;
+  cx: number;
+  cy: number;
+  width: number;
+  height: number;
+}
+
+/** How the intrinsics of a result came to be known. */
+export type IntrinsicsSource =
+  /** Passed to `locate`. */
+  | "given"
+  /** From the camera track's settings. */
+  | "track"
+  /** From the picture's EXIF data. */
+  | "exif"
+  /** Learned from earlier frames of the same camera. */
+  | "remembered"
+  /** Solved from this frame together with the position. */
+  | "estimated"
+  /** A guess for lack of anything better; distances may be wrong by as much as the guess is. */
+  | "assumed";
+
+/** Why there is no position. */
+export type NotLocatedReason =
+  /** Too little to see: a wall, darkness, blur. */
+  | "few-features"
+  /** The network is sure of too few features: probably not this place. */
+  | "few-correspondences"
+  /** No position explains enough of them. */
+  | "few-inliers"
+  /** What is visible leaves the position open, for example a single flat wall far away. */
+  | "degenerate"
+  /** Several positions explain the picture equally well. */
+  | "ambiguous"
+  /** A position was found, but it is not good enough to be believed. */
+  | "low-confidence"
+  /** The time budget ran out first. */
+  | "timeout";
+
+/** State over several frames. */
+export type TrackingState = "searching" | "tracking" | "limited";
+
+/** Why tracking is limited. */
+export type LimitedReason = "lost" | "low-confidence" | "jump" | "focal-uncertain";
+
+/** Where the camera is. Every matrix is 4x4. */
+export interface Placement {
+  /** Maps world to camera. Row-major; OpenCV camera axes: x right, y down, z forward. */
+  cameraFromWorld: Float64Array;
+  /** Maps camera to world, the inverse of the above; its last column is the camera's position. Row-major, OpenCV axes. */
+  worldFromCamera: Float64Array;
+  /** The camera's position in the world. */
+  position: { x: number; y: number; z: number };
+  /** Rotation part of `worldFromCamera` as a unit quaternion. */
+  rotation: { w: number; x: number; y: number; z: number };
+  /** For three.js, WebGL, WebXR: column-major; the camera looks along -z, y is up. */
+  three: {
+    /** `camera.matrixWorld.fromArray(...)` */
+    worldFromCamera: Float32Array;
+    /** `camera.matrixWorldInverse.fromArray(...)` */
+    cameraFromWorld: Float32Array;
+  };
+}
+
+/** Which bulk arrays a result carries. They are left out unless asked for, so that frames stay light. */
+export type Include = "points" | "lines" | "segments";
+
+/** Keypoints that became correspondences. */
+export interface ResultPoints {
+  /** x, y per point, pixels of the frame. */
+  pixels: Float32Array;
+  /** x, y, z per point, world. */
+  world: Float32Array;
+  /** What the network believes, 0..1. */
+  confidence: Float32Array;
+  /** 1 where the position explains the point. */
+  isInlier: Uint8Array;
+}
+
+/** Image segments that became correspondences. */
+export interface ResultLines {
+  /** x1, y1, x2, y2 per line, pixels of the frame. */
+  pixels: Float32Array;
+  /** Both ends, six numbers per line, world. */
+  world: Float32Array;
+  confidence: Float32Array;
+  isInlier: Uint8Array;
+}
+
+/** Milliseconds per stage of one frame. */
+export interface Timings {
+  /** Waiting for earlier frames and moving pixels into the engine. */
+  transfer: number;
+  /** Grey image and resize. */
+  preprocess: number;
+  /** Extractor network and keypoints. */
+  features: number;
+  /** Line segments. */
+  lines: number;
+  /** The scene's two networks. */
+  regress: number;
+  /** Position from correspondences. */
+  solve: number;
+  total: number;
+}
+
+/** What `locate` answers. `located` tells the two kinds apart. */
+export interface LocateResult {
+  located: boolean;
+  /** Present when not located. */
+  reason?: NotLocatedReason;
+  /** Present when located. Smoothed when smoothing is on. */
+  placement?: Placement;
+  /** The same before smoothing; present only when smoothing is on. */
+  unsmoothed?: Placement;
+  /** Size of the frame that the pixels of this result refer to. */
+  frame: { width: number; height: number };
+  /** The frame's time as passed in, else the time of the call. */
+  timestampMs: number;
+  intrinsics: Intrinsics & { source: IntrinsicsSource; /** Standard deviation of the focal length / focal length. */ relativeSigma?: number };
+  quality: {
+    keypoints: number;
+    segments: number;
+    pointCorrespondences: number;
+    lineCorrespondences: number;
+    pointInliers: number;
+    lineInliers: number;
+    medianErrorPx: number;
+    /** 0..1; how far the number of inliers and their spread support the position. */
+    confidence: number;
+    /** 6x6 row-major: rotation (rad, camera axes) then translation (scene units). */
+    covariance?: Float64Array;
+    /** Standard deviations that follow from it. */
+    sigmaPosition?: number;
+    sigmaRotationRad?: number;
+  };
+  state: TrackingState;
+  limited?: LimitedReason;
+  points?: ResultPoints;
+  lines?: ResultLines;
+  /** All detected segments, x1, y1, x2, y2. */
+  segments?: Float32Array;
+  timingsMs: Timings;
+  backend: Backend;
+  /** Why not a faster one. */
+  backendReason: string;
+}
+
+/** Options of one `locate` call. */
+export interface LocateOptions {
+  intrinsics?: Intrinsics;
+  /** Milliseconds; must grow from frame to frame of one camera. */
+  timestamp?: number;
+  include?: readonly Include[];
+  /** Name of the camera for what is remembered about it. Frames without a name share nothing. */
+  camera?: string;
+  /** Treat the frame as the next one of a moving camera: last position as prior, smoothing, state. */
+  tracking?: boolean;
+  /** Hand over `ImageBitmap`, `VideoFrame` or the buffer of raw pixels instead of copying: they are unusable afterwards. */
+  transfer?: boolean;
+  signal?: AbortSignal;
+}
+
+export type Smoothing = "off" | "steady" | "responsive";
+
+/** Options that can be changed at any time. */
+export interface LiveOptions {
+  smoothing?: Smoothing;
+  /** Largest side of the image the engine works on. The scene's own value is best. */
+  maxSide?: number;
+  /** Upper limit for the search for a position. */
+  timeBudgetMs?: number;
+  /** Same seed, same frame, same answer. */
+  seed?: number;
+  /** Inlier thresholds in pixels of the working image. */
+  maxPointErrorPx?: number;
+  maxLineErrorPx?: number;
+}
+
+export interface CreateOptions extends LiveOptions {
+  /** A `.landline` file. */
+  scene: BytesSource;
+  /** Weights of the extractor; those in this package by default. */
+  extractor?: BytesSource;
+  device?: Device;
+  onProgress?: (event: ProgressEvent) => void;
+  signal?: AbortSignal;
+  /** The engine; the one in this package by default. */
+  wasm?: string | URL | ArrayBuffer | Uint8Array | WebAssembly.Module;
+  /** Run in a worker. Default: yes in browsers, no under Node. */
+  worker?: boolean;
+  /** Where the worker's script lies, when a bundler or a strict host needs it elsewhere. */
+  workerUrl?: string | URL;
+  /** `default`: weights are kept in the Cache API. */
+  cache?: "default" | "none";
+  /** `sha256-<base64>` or 64 hex digits. */
+  integrity?: { scene?: string; extractor?: string };
+  /** Used for every download. */
+  fetch?: typeof fetch;
+}
+
+/** Files that are loaded. */
+export type LoadedFile = "engine" | "extractor" | "scene";
+
+export type ProgressEvent =
+  | { status: "download"; file: LoadedFile; url: string; loaded: number; /** 0 when unknown. */ total: number; fromCache: boolean }
+  | { status: "done"; file: LoadedFile; bytes: number; fromCache: boolean }
+  | { status: "prepare" }
+  | { status: "ready"; backend: Backend; backendReason: string };
+
+/** What a scene file says about itself. */
+export interface SceneInfo {
+  name: string;
+  variant: string;
+  preset: string;
+  extractor: string;
+  units: "metres" | "scene-units";
+  licence: string;
+  created: string;
+  bytes: number;
+  /** The camera that the teaching pictures came from, when recorded. */
+  camera?: Intrinsics;
+  /** Up direction in the world, when known. */
+  up?: { x: number; y: number; z: number };
+  /** Everything in the header, as it stands there. */
+  metadata: Record<string, string>;
+}
+
+/** Answer of `checkSupport`. */
+export interface Support {
+  ok: boolean;
+  wasmSimd: boolean;
+  webgpu: boolean;
+  worker: boolean;
+  camera: boolean;
+  secureContext: boolean;
+  /** One sentence for everything that is missing. */
+  reasons: string[];
+}

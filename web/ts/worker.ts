@@ -1,0 +1,71 @@
+/** Entry of the worker: answers the messages of `relocalizer.ts` one after another. */
+import { Engine } from "./engine.js";
+import { LandlineError, plainError } from "./errors.js";
+import type { CallName, Calls, Reply, Request } from "./protocol.js";
+
+/** The few members of a dedicated worker's scope that are used; the page's library of types has no such scope. */
+interface Scope {
+  onmessage: ((event: MessageEvent<Request>) => void) | null;
+  postMessage(message: Reply, transfer: Transferable[]): void;
+}
+const scope = self as unknown as Scope;
+
+let engine: Engine | undefined;
+// Frames are answered in order: the engine's buffers belong to one frame at a time.
+let queue: Promise<void> = Promise.resolve();
+
+function alive(): Engine {
+  if (!engine) throw new LandlineError("disposed", "this relocalizer was disposed of");
+  return engine;
+}
+
+async function answer<N extends CallName>(call: N, request: Calls[N]["request"]): Promise<unknown> {
+  switch (call) {
+    case "create": {
+      const made = await Engine.create(request as Calls["create"]["request"]);
+      engine = made.engine;
+      return made.created;
+    }
+    case "locate":
+      return alive().locate(request as Calls["locate"]["request"]);
+    case "setOptions":
+      alive().setOptions(request as Calls["setOptions"]["request"]);
+      return null;
+    case "reset":
+      alive().reset();
+      return null;
+    case "memory":
+      return alive().memory();
+    case "dispose":
+      engine?.dispose();
+      engine = undefined;
+      return null;
+    default:
+      throw new LandlineError("bad-input", `unknown call ${String(call)}`);
+  }
+}
+
+/** Buffers of a result, so that they move to the page instead of being copied. */
+function buffers(reply: unknown): ArrayBuffer[] {
+  const found = new Set<ArrayBuffer>();
+  const visit = (value: unknown): void => {
+    if (ArrayBuffer.isView(value)) {
+      if (value.buffer instanceof ArrayBuffer) found.add(value.buffer);
+    } else if (value !== null && typeof value === "object") {
+      Object.values(value).forEach(visit);
+    }
+  };
+  visit(reply);
+  return [...found];
+}
+
+scope.onmessage = ({ data }) => {
+  queue = queue.then(async () => {
+    try {
+      const reply = await answer(data.call, data.request);
+      scope.postMessage({ id: data.id, ok: true, reply }, buffers(reply));
+    } catch (error) {
+      scope.postMessage({ id: data.id, ok: false, error: plainError(error) }, []);
+    }
+  });
+};

@@ -1,4 +1,7 @@
 //! Library behind the native tool `landline`: data set readers, labels, training, evaluation, model conversion.
 
 pub mod cmd;
+pub mod dataset;
+pub mod files;
+pub mod labels;
 pub mod picture;

@@ -1,0 +1,3 @@
+//! Data sets of other tools, turned into one type: pictures with cameras and poses in our conventions.
+
+pub mod camera;

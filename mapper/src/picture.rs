@@ -1,7 +1,7 @@
 //! Pictures from files: decoded to grey or RGB, turned upright by their EXIF orientation.
 
 use image::{DynamicImage, ImageDecoder, ImageReader};
-use landline::image::GrayImage;
+use landline::image::{FrameView, GrayImage, ImageError, PixelFormat, gray_from_frame};
 use std::path::{Path, PathBuf};
 
 /// Why a picture could not be read.
@@ -23,9 +23,20 @@ pub enum PictureError {
         /// From the decoder.
         source: image::ImageError,
     },
+    /// Decoded, but of a size that the core does not accept.
+    #[error("picture {path}: {source}")]
+    Refused {
+        /// The file.
+        path: PathBuf,
+        /// From the core.
+        source: ImageError,
+    },
 }
 
 /// Decodes a picture and turns it upright by its EXIF orientation.
+///
+/// # Errors
+/// When the file cannot be opened or decoded.
 pub fn read(path: &Path) -> Result<DynamicImage, PictureError> {
     let open = |source| PictureError::Open {
         path: path.to_owned(),
@@ -47,25 +58,28 @@ pub fn read(path: &Path) -> Result<DynamicImage, PictureError> {
     Ok(picture)
 }
 
-/// Decodes a picture to grey. Colour becomes luma with the weights of ITU-R BT.601, as browsers and OpenCV do.
+/// Decodes a picture to grey, by the same luma as a frame in the browser.
+///
+/// # Errors
+/// When the file cannot be opened or decoded, or the picture is larger than the core accepts.
 pub fn read_gray(path: &Path) -> Result<GrayImage, PictureError> {
     let picture = read(path)?;
-    let (width, height) = (picture.width() as usize, picture.height() as usize);
-    let data = match picture {
-        DynamicImage::ImageLuma8(gray) => gray.into_raw(),
-        other => other
-            .into_rgb8()
-            .pixels()
-            .map(|p| {
-                let [r, g, b] = p.0.map(u32::from);
-                // 0.299, 0.587, 0.114 in 14-bit fixed point, rounded.
-                ((4899 * r + 9617 * g + 1868 * b + 8192) >> 14) as u8
-            })
-            .collect(),
+    let mut gray = GrayImage::default();
+    let (width, height) = (picture.width(), picture.height());
+    let (bytes, format) = match picture {
+        DynamicImage::ImageLuma8(luma) => (luma.into_raw(), PixelFormat::Luma8),
+        other => (other.into_rgb8().into_raw(), PixelFormat::Rgb8),
     };
-    Ok(GrayImage {
-        data,
+    let frame = FrameView {
+        bytes: &bytes,
         width,
         height,
-    })
+        stride: width as usize * format.bytes_per_pixel(),
+        format,
+    };
+    gray_from_frame(&frame, &mut gray).map_err(|source| PictureError::Refused {
+        path: path.to_owned(),
+        source,
+    })?;
+    Ok(gray)
 }

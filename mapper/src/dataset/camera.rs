@@ -1,36 +1,7 @@
 //! Cameras as files write them: COLMAP's model names, ids and parameter order.
 
-use landline::geometry::{Camera, CameraModel};
+use landline::geometry::{Camera, CameraError, CameraModel};
 use serde::{Deserialize, Serialize};
-
-/// Why a camera of a file cannot be used.
-#[derive(Debug, thiserror::Error, PartialEq)]
-pub enum CameraError {
-    /// The name is none of COLMAP's.
-    #[error("unknown camera model `{0}`")]
-    UnknownModel(String),
-    /// COLMAP knows it, this tool does not.
-    #[error(
-        "camera model {0} is not supported; undistort the pictures first (COLMAP: image_undistorter)"
-    )]
-    UnsupportedModel(String),
-    /// Parameters missing or too many.
-    #[error("camera model {model} takes {expected} parameters, found {found}")]
-    ParameterCount {
-        /// COLMAP's name.
-        model: String,
-        /// By the model.
-        expected: usize,
-        /// In the file.
-        found: usize,
-    },
-    /// A value that no camera has.
-    #[error("camera {what}")]
-    Implausible {
-        /// Which value and why.
-        what: String,
-    },
-}
 
 /// A camera in COLMAP's words, as JSON writes it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -48,15 +19,12 @@ pub struct CameraRecord {
 impl CameraRecord {
     /// The camera in COLMAP's words.
     pub fn from_camera(camera: &Camera) -> Self {
-        let (model, params) = match camera.model {
-            CameraModel::SimplePinhole { f, cx, cy } => ("SIMPLE_PINHOLE", vec![f, cx, cy]),
-            CameraModel::Pinhole { fx, fy, cx, cy } => ("PINHOLE", vec![fx, fy, cx, cy]),
-        };
+        let (params, count) = camera.model.params();
         Self {
-            model: model.to_owned(),
+            model: camera.model.name().to_owned(),
             width: camera.width,
             height: camera.height,
-            params,
+            params: params.into_iter().take(count).collect(),
         }
     }
 
@@ -65,22 +33,12 @@ impl CameraRecord {
     /// # Errors
     /// Unknown or unsupported model, wrong number of parameters, values no camera has.
     pub fn to_camera(&self) -> Result<Camera, CameraError> {
-        let count = |expected: usize| CameraError::ParameterCount {
-            model: self.model.clone(),
-            expected,
-            found: self.params.len(),
-        };
-        let model = match (self.model.as_str(), self.params.as_slice()) {
-            ("SIMPLE_PINHOLE", &[f, cx, cy]) => CameraModel::SimplePinhole { f, cx, cy },
-            ("PINHOLE", &[fx, fy, cx, cy]) => CameraModel::Pinhole { fx, fy, cx, cy },
-            ("SIMPLE_PINHOLE", _) => return Err(count(3)),
-            ("PINHOLE", _) => return Err(count(4)),
-            _ => return Err(CameraError::UnknownModel(self.model.clone())),
-        };
-        Ok(Camera {
+        let camera = Camera {
             width: self.width,
             height: self.height,
-            model,
-        })
+            model: CameraModel::from_colmap(&self.model, &self.params)?,
+        };
+        camera.validate()?;
+        Ok(camera)
     }
 }

@@ -1,6 +1,8 @@
 //! Test support of landline. Used by `tests/`, `benches/` and the tests of `mapper` and `web`; the core's unit tests
-//! keep their data inline.
+//! keep their data inline. The mapper renders the demo's sample scene with [`room`].
 
 mod data;
+mod parallel;
+pub mod room;
 
 pub use data::{shared_data, skip, skip_without_gpu};

@@ -74,7 +74,7 @@ impl Room {
         pixel: Pixel,
     ) -> Option<Vector3<f64>> {
         let world_from_cam = cam_from_world.inverse();
-        let direction = world_from_cam.rotation * camera.bearing_from_pixel(pixel);
+        let direction = world_from_cam.rotation * camera.bearing_from_pixel(pixel)?;
         let origin = world_from_cam.translation;
         self.bvh
             .nearest(&self.quads, &origin, &direction, f64::INFINITY)

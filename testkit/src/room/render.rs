@@ -63,8 +63,10 @@ impl Room {
                         f64::from(column) + (f64::from(k % grid) + 0.5) / f64::from(grid),
                         row as f64 + (f64::from(k / grid) + 0.5) / f64::from(grid),
                     );
-                    let direction = world_from_cam.rotation * camera.bearing_from_pixel(pixel);
-                    let c = self.radiance(&origin, &direction);
+                    let Some(bearing) = camera.bearing_from_pixel(pixel) else {
+                        continue; // beyond the field of view of a fisheye: stays black
+                    };
+                    let c = self.radiance(&origin, &(world_from_cam.rotation * bearing));
                     // Highlights are cut per ray, so that the window does not bleed over its frame.
                     sum = core::array::from_fn(|i| sum[i] + tone(c[i] * options.exposure));
                 }

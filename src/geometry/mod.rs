@@ -10,4 +10,6 @@ mod spaces;
 pub use camera::{Camera, CameraError, CameraModel};
 pub use pixel::{Pixel, PixelMap, Sensor, Working, WorkingFromSensor};
 pub use segment::{ScenePoint, SceneSegment, Segment2};
-pub use spaces::{Cam, CamFromWorld, Rigid, World, WorldFromCam};
+pub use spaces::{
+    Cam, CamFromWorld, Rigid, World, WorldFromCam, rotation_from_vector, vector_from_rotation,
+};

@@ -106,6 +106,32 @@ impl<To, From> Rigid<To, From> {
     }
 }
 
+/// Rotation by the vector's length (radians) about its direction: the exponential map of SO(3).
+pub fn rotation_from_vector(w: &Vector3<f64>) -> Matrix3<f64> {
+    let angle_sq = w.norm_squared();
+    let angle = angle_sq.sqrt();
+    let k = w.cross_matrix();
+    // Below 1e-4 rad the series is exact to rounding.
+    let (a, b) = if angle < 1e-4 {
+        (1.0 - angle_sq / 6.0, 0.5 - angle_sq / 24.0)
+    } else {
+        let half = libm::sin(0.5 * angle);
+        (libm::sin(angle) / angle, 2.0 * half * half / angle_sq)
+    };
+    Matrix3::identity() + k * a + k * k * b
+}
+
+/// Rotation vector of a rotation matrix, length at most pi: the logarithm of SO(3).
+pub fn vector_from_rotation(r: &Matrix3<f64>) -> Vector3<f64> {
+    let q = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*r));
+    let v = Vector3::new(q.i, q.j, q.k) * if q.w < 0.0 { -1.0 } else { 1.0 };
+    let sin_half = v.norm();
+    if sin_half < 1e-9 {
+        return v * 2.0;
+    }
+    v * (2.0 * libm::atan2(sin_half, q.w.abs()) / sin_half)
+}
+
 impl CamFromWorld {
     /// Position of the camera in the world.
     pub fn center_in_world(&self) -> Vector3<f64> {
@@ -145,6 +171,20 @@ mod tests {
         assert!((back - p).norm() < 1e-14);
         assert!((a * a.inverse()).rotation_angle_to(&Rigid::identity()) < 1e-14);
         assert!((a.center_in_world() - a.inverse().translation).norm() < 1e-15);
+    }
+
+    #[test]
+    fn rotation_vectors_round_trip() {
+        for w in [
+            Vector3::new(0.3, -0.2, 0.9),
+            Vector3::new(1e-6, 2e-6, -1e-6),
+            Vector3::new(0.0, 3.1, 0.0),
+            Vector3::zeros(),
+        ] {
+            let r = rotation_from_vector(&w);
+            assert!((r * r.transpose() - Matrix3::identity()).amax() < 1e-14);
+            assert!((vector_from_rotation(&r) - w).norm() < 1e-12);
+        }
     }
 
     #[test]

@@ -50,6 +50,8 @@ pub mod builder;
 pub mod cpu;
 pub mod error;
 pub mod executor;
+#[cfg(feature = "webgpu")]
+pub mod gpu;
 pub mod graph;
 pub mod op;
 pub mod oracle;

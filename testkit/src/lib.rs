@@ -2,7 +2,9 @@
 //! keep their data inline. The mapper renders the demo's sample scene with [`room`].
 
 mod data;
+mod nn_cases;
 mod parallel;
 pub mod room;
 
 pub use data::{shared_data, skip, skip_without_gpu};
+pub use nn_cases::{NnCase, nn_cases};

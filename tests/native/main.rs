@@ -1,1 +1,4 @@
 //! Native tests that cross a module.
+
+#[cfg(feature = "webgpu")]
+mod gpu;

@@ -1,0 +1,22 @@
+//! The networks on a GPU through WebGPU.
+//!
+//! * **In and out**: the same [`Graph`](super::Graph) and [`Weights`](super::Weights) as the CPU executor.
+//! * **Method**: every operation is lowered to one or two kernel calls (`wgsl/`, each with the stem of its CPU twin);
+//!   activations live in one arena placed by the same plan. Matrix products and convolutions use the tile shape that WebGPU
+//!   engines converged on: 8 x 8 threads with four by four results each.
+//! * **Invariants**: only the limits that WebGPU guarantees are used; no object is made after a network is loaded;
+//!   results of compaction do not depend on timing; every failure is a [`GpuError`] that says why the CPU takes over.
+//! * **Cost**: [`GpuNetwork::cost`].
+
+mod device;
+mod error;
+mod executor;
+mod lower;
+mod pipelines;
+mod readback;
+
+pub use device::{AdapterChoice, GpuDevice};
+pub use error::GpuError;
+pub use executor::{GpuCost, GpuNetwork};
+pub use pipelines::Pipelines;
+pub use readback::{MAP_DEADLINE_MS, Timer};

@@ -1,0 +1,137 @@
+/** Errors against known poses: reading of the files, statistics, the table and its export. */
+
+/** @typedef {{ name: string, cameraFromWorld: Float64Array, focal?: number, intrinsics?: object }} KnownPose */
+
+/** Rotation matrix of a quaternion and a translation as row-major 4x4. */
+export function fromQuaternion(w, x, y, z, tx, ty, tz) {
+  const n = Math.hypot(w, x, y, z);
+  [w, x, y, z] = [w / n, x / n, y / n, z / n];
+  return Float64Array.of(
+    1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y), tx,
+    2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x), ty,
+    2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y), tz,
+    0, 0, 0, 1,
+  );
+}
+
+/** Inverse of a rigid row-major 4x4. */
+export function invert(m) {
+  const inverse = new Float64Array(16);
+  for (let r = 0; r < 3; r++) {
+    for (let c = 0; c < 3; c++) inverse[4 * r + c] = m[4 * c + r];
+    inverse[4 * r + 3] = -(m[r] * m[3] + m[4 + r] * m[7] + m[8 + r] * m[11]);
+  }
+  inverse[15] = 1;
+  return inverse;
+}
+
+/**
+ * Lines `name qw qx qy qz tx ty tz [f]`: world to camera, as COLMAP and its relatives write them. Numbers of 16 after
+ * the name are a row-major camera-to-world matrix. Lines that are neither are counted.
+ */
+export function parsePoses(text) {
+  const poses = [];
+  let skipped = 0;
+  for (const line of text.split(/\r?\n/)) {
+    const parts = line.trim().split(/\s+/);
+    if (parts.length < 2 || parts[0].startsWith("#")) continue;
+    const numbers = parts.slice(1).map(Number);
+    const name = parts[0].split("/").pop();
+    if (!numbers.every(Number.isFinite)) skipped += 1;
+    else if (numbers.length === 16) poses.push({ name, cameraFromWorld: invert(numbers) });
+    else if (numbers.length === 7 || numbers.length === 8) poses.push({ name, cameraFromWorld: fromQuaternion(...numbers.slice(0, 7)), ...(numbers.length === 8 ? { focal: numbers[7] } : {}) });
+    else skipped += 1;
+  }
+  return { poses, skipped };
+}
+
+/** Distance of the camera positions and angle between the rotations in degrees. */
+export function poseError(estimated, known) {
+  const e = invert(estimated);
+  const k = invert(known);
+  const distance = Math.hypot(e[3] - k[3], e[7] - k[7], e[11] - k[11]);
+  // Rotation of one against the other; the angle from sine and cosine stays exact near zero.
+  const d = (r, c) => [0, 1, 2].reduce((sum, i) => sum + estimated[4 * r + i] * known[4 * c + i], 0);
+  const sine = 0.5 * Math.hypot(d(2, 1) - d(1, 2), d(0, 2) - d(2, 0), d(1, 0) - d(0, 1));
+  const cosine = 0.5 * (d(0, 0) + d(1, 1) + d(2, 2) - 1);
+  return { distance, degrees: (Math.atan2(sine, cosine) * 180) / Math.PI };
+}
+
+export function median(values) {
+  if (values.length === 0) return NaN;
+  const sorted = [...values].sort((a, b) => a - b);
+  const middle = sorted.length >> 1;
+  return sorted.length % 2 ? sorted[middle] : (sorted[middle - 1] + sorted[middle]) / 2;
+}
+
+/** What is reported. Pictures that were not located count as infinitely wrong. */
+export function summary(rows) {
+  const known = rows.filter((row) => row.hasTruth);
+  const recall = (metres, degrees) => known.filter((row) => row.located && row.distance <= metres && row.degrees <= degrees).length / Math.max(1, known.length);
+  const finite = (key) => known.map((row) => (row.located ? row[key] : Infinity));
+  return {
+    pictures: rows.length,
+    withTruth: known.length,
+    located: rows.filter((row) => row.located).length,
+    medianDistance: median(finite("distance")),
+    medianDegrees: median(finite("degrees")),
+    recall2cm2deg: recall(0.02, 2),
+    recall5cm5deg: recall(0.05, 5),
+    recall10cm5deg: recall(0.1, 5),
+    medianMs: median(rows.map((row) => row.ms)),
+  };
+}
+
+/** Share of pictures below an error, for both errors. */
+export function drawPlot(canvas, rows) {
+  const context = canvas.getContext("2d");
+  const { width, height } = canvas;
+  context.clearRect(0, 0, width, height);
+  const known = rows.filter((row) => row.hasTruth);
+  const pad = { left: 44, right: 14, top: 16, bottom: 34 };
+  const w = width - pad.left - pad.right;
+  const h = height - pad.top - pad.bottom;
+  context.font = "12px system-ui, sans-serif";
+  context.fillStyle = "#9aa7b6";
+  context.strokeStyle = "#28313c";
+  for (let i = 0; i <= 4; i++) {
+    const y = pad.top + h * (1 - i / 4);
+    context.beginPath();
+    context.moveTo(pad.left, y);
+    context.lineTo(pad.left + w, y);
+    context.stroke();
+    context.fillText(`${25 * i} %`, 6, y + 4);
+  }
+  const curve = (key, limit, color, dash) => {
+    const values = known.filter((row) => row.located).map((row) => row[key]).sort((a, b) => a - b);
+    context.beginPath();
+    context.moveTo(pad.left, pad.top + h);
+    values.forEach((value, i) => {
+      const x = pad.left + w * Math.min(1, value / limit);
+      context.lineTo(x, pad.top + h * (1 - i / Math.max(1, known.length)));
+      context.lineTo(x, pad.top + h * (1 - (i + 1) / Math.max(1, known.length)));
+    });
+    context.strokeStyle = color;
+    context.setLineDash(dash);
+    context.lineWidth = 2;
+    context.stroke();
+    context.setLineDash([]);
+    context.lineWidth = 1;
+  };
+  curve("distance", 0.2, "#ffb057", []);
+  curve("degrees", 10, "#62b6ff", [6, 4]);
+  for (let i = 1; i <= 4; i++) {
+    context.fillText(`${5 * i} cm · ${(2.5 * i).toFixed(1)}°`, pad.left + (w * i) / 4 - (i === 4 ? 78 : 36), height - 12);
+  }
+  context.fillStyle = "#ffb057";
+  context.fillText("position (solid)", pad.left + 8, pad.top + 12);
+  context.fillStyle = "#62b6ff";
+  context.fillText("rotation (dashed)", pad.left + 104, pad.top + 12);
+}
+
+export function toCsv(rows) {
+  const head = "picture,located,position_error,rotation_error_deg,point_inliers,line_inliers,ms";
+  const cell = (text) => (/[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
+  const body = rows.map((row) => [cell(row.name), row.located, row.located && row.hasTruth ? row.distance.toFixed(5) : "", row.located && row.hasTruth ? row.degrees.toFixed(4) : "", row.pointInliers, row.lineInliers, row.ms.toFixed(1)].join(","));
+  return [head, ...body].join("\n") + "\n";
+}

@@ -1,0 +1,236 @@
+/** Words and numbers beside the picture. */
+
+const $ = (id) => document.getElementById(id);
+
+const stageNames = [
+  ["transfer", "Transfer"],
+  ["preprocess", "Grey, resize"],
+  ["features", "Features"],
+  ["lines", "Segments"],
+  ["regress", "Regression"],
+  ["solve", "Position"],
+];
+
+/** Why there is no position, and what to do about it. */
+const reasonWords = {
+  "few-features": ["Too little to see", "Point the camera at something with edges and texture, or add light."],
+  "few-correspondences": ["Not this place?", "Hardly anything here looks like the taught scene. Turn around, or load the scene of this place."],
+  "few-inliers": ["No position fits", "What is seen does not agree on one position. Move back, or show a larger part of the room."],
+  degenerate: ["Too flat a view", "A single surface leaves the position open. Bring something else into view."],
+  ambiguous: ["Two places look alike", "Several positions explain this picture. Show something that exists only once."],
+  "low-confidence": ["Not sure enough", "A position was found but not believed. Hold the camera still, or step back."],
+  timeout: ["Ran out of time", "The search was cut short. Allow more time per frame, or use a smaller picture."],
+};
+
+const limitedWords = {
+  lost: "position lost, looking again",
+  "low-confidence": "few things agree",
+  jump: "the position jumped; waiting for agreement",
+  "focal-uncertain": "the focal length is not certain yet",
+};
+
+const sourceWords = {
+  given: "given",
+  track: "from the camera",
+  exif: "from the picture’s EXIF",
+  remembered: "learned from earlier frames",
+  estimated: "solved from this picture",
+  assumed: "assumed; distances may be off",
+};
+
+export const ms = (value) => (value < 9.95 ? `${value.toFixed(1)} ms` : `${Math.round(value)} ms`);
+export const bytes = (n) => (n < 1000 ? `${n} B` : n < 1e6 ? `${(n / 1e3).toFixed(0)} kB` : `${(n / 1e6).toFixed(1)} MB`);
+
+/** A length in words of the scene's unit. */
+export function length(value, metric) {
+  if (!metric) return `${value.toPrecision(3)} units`;
+  const m = Math.abs(value);
+  if (m < 0.01) return `${(value * 1000).toFixed(1)} mm`;
+  return m < 1 ? `${(value * 100).toFixed(1)} cm` : `${value.toFixed(2)} m`;
+}
+
+let announcedAt = 0;
+let announced = "";
+
+/** The status line; read aloud at most once a second. */
+export function status(kind, word, detail) {
+  $("status").dataset.kind = kind;
+  $("status-word").textContent = word;
+  $("status-detail").textContent = detail;
+  const now = performance.now();
+  if (word !== announced && now - announcedAt > 1000) {
+    announced = word;
+    announcedAt = now;
+    $("announce").textContent = `${word}. ${detail}`;
+  }
+}
+
+/** The result in words. `error` is set where the true pose is known. */
+export function showResult(result, metric, error) {
+  const q = result.quality;
+  if (result.located) {
+    const parts = [];
+    if (error) parts.push(`off by ${length(error.distance, metric)} and ${error.degrees.toFixed(2)}°`);
+    else if (q.sigmaPosition !== undefined) parts.push(`± ${length(q.sigmaPosition, metric)}`);
+    parts.push(`${q.pointInliers} points and ${q.lineInliers} lines agree`, ms(result.timingsMs.total));
+    if (result.state === "limited" && result.limited) parts.unshift(limitedWords[result.limited]);
+    status(result.state === "limited" ? "warn" : "good", "Located", parts.join(" · "));
+  } else {
+    const [word, advice] = reasonWords[result.reason] ?? ["Not located", ""];
+    status("bad", word, advice);
+  }
+  showStages(result.timingsMs);
+  showFacts(result, metric, error);
+}
+
+function showStages(timings) {
+  const root = $("stages");
+  if (root.childElementCount === 0) {
+    for (const [key, name] of stageNames) {
+      const row = document.createElement("div");
+      row.className = "stage-row";
+      const label = document.createElement("span");
+      label.textContent = name;
+      const meter = document.createElement("meter");
+      meter.min = 0;
+      meter.dataset.stage = key;
+      meter.setAttribute("aria-label", name);
+      const output = document.createElement("output");
+      row.append(label, meter, output);
+      root.append(row);
+    }
+  }
+  const longest = Math.max(1, ...stageNames.map(([key]) => timings[key]));
+  root.querySelectorAll("meter").forEach((meter) => {
+    const value = timings[meter.dataset.stage];
+    meter.max = longest;
+    meter.value = value;
+    meter.nextElementSibling.value = ms(value);
+  });
+  $("stage-total").textContent = `Together ${ms(timings.total)}, ${(1000 / timings.total).toFixed(1)} frames a second.`;
+}
+
+function showFacts(result, metric, error) {
+  const q = result.quality;
+  const k = result.intrinsics;
+  const rows = [
+    ["Points", `${q.pointInliers} of ${q.pointCorrespondences} agree, ${q.keypoints} found`],
+    ["Lines", `${q.lineInliers} of ${q.lineCorrespondences} agree, ${q.segments} found`],
+  ];
+  if (result.placement) {
+    const { x, y, z } = result.placement.position;
+    rows.unshift(["Position", [x, y, z].map((v) => v.toFixed(3)).join("  ") + (metric ? " m" : "")]);
+    rows.push(["Error in picture", `${q.medianErrorPx.toFixed(2)} px (median)`]);
+    if (q.sigmaPosition !== undefined) rows.push(["Uncertainty", `${length(q.sigmaPosition, metric)}, ${((q.sigmaRotationRad * 180) / Math.PI).toFixed(2)}°`]);
+    rows.push(["Confidence", q.confidence.toFixed(2)]);
+  }
+  if (error) rows.push(["True error", `${length(error.distance, metric)}, ${error.degrees.toFixed(3)}°`]);
+  rows.push(["Focal length", `${k.fx.toFixed(1)} px, ${sourceWords[k.source]}${k.relativeSigma === undefined ? "" : ` (± ${(100 * k.relativeSigma).toFixed(1)} %)`}`]);
+  rows.push(["Frame", `${result.frame.width} × ${result.frame.height}`]);
+  facts($("facts"), rows);
+}
+
+/** Fills a definition list. */
+export function facts(list, rows) {
+  const nodes = rows.flatMap(([name, value]) => {
+    const dt = document.createElement("dt");
+    dt.textContent = name;
+    const dd = document.createElement("dd");
+    dd.textContent = value;
+    return [dt, dd];
+  });
+  list.replaceChildren(...nodes);
+}
+
+export function showScene(info) {
+  const rows = [
+    ["Name", info.name || "unnamed"],
+    ["Network", `${info.variant}, ${info.preset}`],
+    ["Extractor", info.extractor],
+    ["Size", bytes(info.bytes)],
+    ["Units", info.units === "metres" ? "metres" : "scene units"],
+  ];
+  if (info.licence) rows.push(["Licence", info.licence]);
+  if (info.created) rows.push(["Made", info.created]);
+  facts($("scene-facts"), rows);
+}
+
+/** One bar per file that is loading. */
+export class LoadBars {
+  #root = $("bars");
+  #bars = new Map();
+
+  reset() {
+    this.#root.replaceChildren();
+    this.#bars.clear();
+  }
+
+  update(event) {
+    if (event.status === "download" || event.status === "done") {
+      const bar = this.#bar(event.file);
+      if (event.status === "done") {
+        bar.progress.max = 1;
+        bar.progress.value = 1;
+        bar.amount.textContent = `${bytes(event.bytes)}${event.fromCache ? ", kept from last time" : ""}`;
+      } else if (event.total > 0) {
+        bar.progress.max = event.total;
+        bar.progress.value = event.loaded;
+        bar.amount.textContent = `${bytes(event.loaded)} of ${bytes(event.total)}`;
+      } else {
+        bar.progress.removeAttribute("value");
+        bar.amount.textContent = bytes(event.loaded);
+      }
+    }
+  }
+
+  #bar(file) {
+    let bar = this.#bars.get(file);
+    if (bar) return bar;
+    const root = document.createElement("div");
+    root.className = "bar";
+    const head = document.createElement("div");
+    head.className = "bar-head";
+    const name = document.createElement("span");
+    name.textContent = { engine: "Engine", extractor: "Feature extractor", scene: "Scene" }[file];
+    const amount = document.createElement("span");
+    const progress = document.createElement("progress");
+    progress.setAttribute("aria-label", name.textContent);
+    head.append(name, amount);
+    root.append(head, progress);
+    this.#root.append(root);
+    bar = { progress, amount };
+    this.#bars.set(file, bar);
+    return bar;
+  }
+}
+
+/** Opens the dialog that says what happened and what to do. */
+export function problem(error) {
+  const title = {
+    "camera-denied": "The camera is not allowed",
+    "camera-unavailable": "No camera",
+    "camera-busy": "The camera is busy",
+    "camera-insecure": "The camera needs a secure page",
+    "scene-corrupt": "This scene file cannot be read",
+    "scene-version": "This scene file is of another version",
+    "scene-extractor": "This scene needs another extractor",
+    "asset-fetch": "A file could not be loaded",
+    "asset-integrity": "A file is not what it should be",
+    "asset-mime": "The engine could not be loaded",
+    unsupported: "This browser cannot do it",
+    "bad-input": "This cannot be used",
+    panicked: "The engine stopped",
+    "out-of-memory": "Out of memory",
+  }[error?.code] ?? "Something went wrong";
+  $("problem-title").textContent = title;
+  $("problem-text").textContent = sentence(error?.message ?? String(error));
+  $("problem-hint").textContent = error?.hint ?? "";
+  $("problem-code").textContent = error?.code ?? error?.name ?? "";
+  const dialog = $("problem");
+  if (!dialog.open) dialog.showModal();
+}
+
+export function sentence(text) {
+  const capital = text.charAt(0).toUpperCase() + text.slice(1);
+  return /[.!?]$/.test(capital) ? capital : `${capital}.`;
+}

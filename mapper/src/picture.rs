@@ -1,5 +1,6 @@
 //! Pictures from files: decoded to grey or RGB, turned upright by their EXIF orientation.
 
+use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageReader};
 use landline::image::{FrameView, GrayImage, ImageError, PixelFormat, gray_from_frame};
 use std::path::{Path, PathBuf};
@@ -33,25 +34,89 @@ pub enum PictureError {
     },
 }
 
+impl PictureError {
+    /// What went wrong without the path, so that equal reasons can be counted.
+    pub fn short(&self) -> String {
+        match self {
+            Self::Open { source, .. } => source.kind().to_string(),
+            Self::Decode { source, .. } => source.to_string(),
+            Self::Refused { source, .. } => source.to_string(),
+        }
+    }
+}
+
+/// Size and orientation of a picture, from its header.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Size {
+    /// Width and height of the pixels as stored.
+    pub stored: (u32, u32),
+    /// Width and height after turning upright.
+    pub upright: (u32, u32),
+    /// Clockwise turns by 90 degrees that make it upright.
+    pub quarter_turns: u8,
+    /// EXIF asks for a flip, which no pose can express.
+    pub is_mirrored: bool,
+}
+
+/// Reads the header of a picture.
+///
+/// # Errors
+/// When the file cannot be opened or is no picture.
+pub fn size(path: &Path) -> Result<Size, PictureError> {
+    let mut decoder = decoder(path)?;
+    let stored = decoder.dimensions();
+    let orientation = decoder
+        .orientation()
+        .map_err(|source| PictureError::Decode {
+            path: path.to_owned(),
+            source,
+        })?;
+    let (quarter_turns, is_mirrored) = match orientation {
+        Orientation::NoTransforms => (0, false),
+        Orientation::Rotate90 => (1, false),
+        Orientation::Rotate180 => (2, false),
+        Orientation::Rotate270 => (3, false),
+        _ => (0, true),
+    };
+    let upright = if quarter_turns % 2 == 1 {
+        (stored.1, stored.0)
+    } else {
+        stored
+    };
+    Ok(Size {
+        stored,
+        upright,
+        quarter_turns,
+        is_mirrored,
+    })
+}
+
+fn decoder(path: &Path) -> Result<impl ImageDecoder + use<>, PictureError> {
+    let open = |source| PictureError::Open {
+        path: path.to_owned(),
+        source,
+    };
+    ImageReader::open(path)
+        .map_err(open)?
+        .with_guessed_format()
+        .map_err(open)?
+        .into_decoder()
+        .map_err(|source| PictureError::Decode {
+            path: path.to_owned(),
+            source,
+        })
+}
+
 /// Decodes a picture and turns it upright by its EXIF orientation.
 ///
 /// # Errors
 /// When the file cannot be opened or decoded.
 pub fn read(path: &Path) -> Result<DynamicImage, PictureError> {
-    let open = |source| PictureError::Open {
-        path: path.to_owned(),
-        source,
-    };
     let decode = |source| PictureError::Decode {
         path: path.to_owned(),
         source,
     };
-    let mut decoder = ImageReader::open(path)
-        .map_err(open)?
-        .with_guessed_format()
-        .map_err(open)?
-        .into_decoder()
-        .map_err(decode)?;
+    let mut decoder = decoder(path)?;
     let orientation = decoder.orientation().map_err(decode)?;
     let mut picture = DynamicImage::from_decoder(decoder).map_err(decode)?;
     picture.apply_orientation(orientation);

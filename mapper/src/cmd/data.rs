@@ -1,22 +1,20 @@
 //! `landline data`: what a data set holds.
 
-use crate::picture;
-use anyhow::{Context, Result};
-use std::path::PathBuf;
+use crate::dataset::{DataArgs, open};
+use anyhow::Result;
 
-/// Shows what a data set holds.
+/// Show what a data set holds, what would not be used, and why.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Pictures to check.
-    pictures: Vec<PathBuf>,
+    #[command(flatten)]
+    data: DataArgs,
 }
 
-/// Prints size and EXIF orientation of each picture.
+/// Prints the import table.
+///
+/// # Errors
+/// When the data set cannot be read.
 pub fn run(args: Args) -> Result<()> {
-    for path in &args.pictures {
-        let gray =
-            picture::read_gray(path).with_context(|| format!("reading {}", path.display()))?;
-        println!("{} {}x{}", path.display(), gray.width, gray.height);
-    }
+    print!("{}", open(&args.data)?.table());
     Ok(())
 }

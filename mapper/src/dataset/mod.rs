@@ -1,3 +1,201 @@
 //! Data sets of other tools, turned into one type: pictures with cameras and poses in our conventions.
+//!
+//! Every reader ends here: corner-based pixels, `cam_from_world`, OpenCV axes, the file's own length unit. What a reader
+//! could not use is not skipped in silence: it is in [`Dataset::dropped`] with the reason, and the import table prints it.
 
 pub mod camera;
+mod open;
+mod pose_check;
+mod pose_list;
+mod split;
+mod table;
+mod text;
+
+pub use open::{DataArgs, Format, open};
+pub use pose_check::{PoseProblem, rigid_from_matrix};
+pub use split::{IndexRange, Split};
+
+use landline::geometry::{CamFromWorld, Camera};
+use std::path::{Path, PathBuf};
+
+/// One picture of a data set.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DatasetImage {
+    /// As the data set calls it; unique.
+    pub name: String,
+    /// Where the picture lies.
+    pub path: PathBuf,
+    /// Of the picture as stored, after its EXIF rotation.
+    pub camera: Camera,
+    /// From the data set; a query list has none.
+    pub cam_from_world: Option<CamFromWorld>,
+    /// What the data set says this picture is for.
+    pub split: Split,
+}
+
+/// Something of the data set that is not used, and why.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Dropped {
+    /// A picture's name, or what else the entry is.
+    pub name: String,
+    /// One of few fixed texts, so that the table can count them.
+    pub reason: String,
+}
+
+/// A point of a structure-from-motion model with the pixels that see it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModelPoint {
+    /// In the data set's world.
+    pub point_in_world: nalgebra::Vector3<f64>,
+    /// Index of the picture and corner-based pixel in it.
+    pub observations: Vec<(usize, landline::geometry::Pixel)>,
+}
+
+/// A 3D segment of a line map with the image segments that see it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModelLine {
+    /// One end.
+    pub start_in_world: nalgebra::Vector3<f64>,
+    /// The other end.
+    pub end_in_world: nalgebra::Vector3<f64>,
+    /// Index of the picture and of the segment in its list.
+    pub observations: Vec<(usize, usize)>,
+}
+
+/// Pictures with cameras and poses, and what came with them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Dataset {
+    /// The format that was read.
+    pub format: &'static str,
+    /// Files that were read, for the table.
+    pub sources: Vec<PathBuf>,
+    /// Sorted by name.
+    pub images: Vec<DatasetImage>,
+    /// What is not used.
+    pub dropped: Vec<Dropped>,
+    /// Remarks for the table: guesses, choices, corrections.
+    pub notes: Vec<String>,
+    /// Points of a model, when it has some.
+    pub points: Vec<ModelPoint>,
+    /// Lines of a line map, when one was given.
+    pub lines: Vec<ModelLine>,
+    /// Segments per picture that came with a line map, corner-based: start x, y, end x, y.
+    pub segments: Option<Vec<Vec<[f64; 4]>>>,
+}
+
+impl Dataset {
+    fn empty(format: &'static str) -> Self {
+        Self {
+            format,
+            sources: Vec::new(),
+            images: Vec::new(),
+            dropped: Vec::new(),
+            notes: Vec::new(),
+            points: Vec::new(),
+            lines: Vec::new(),
+            segments: None,
+        }
+    }
+
+    fn drop_image(&mut self, name: impl Into<String>, reason: impl Into<String>) {
+        self.dropped.push(Dropped {
+            name: name.into(),
+            reason: reason.into(),
+        });
+    }
+
+    /// Positions of the pictures of a split.
+    pub fn of_split(&self, split: Split) -> Vec<usize> {
+        (0..self.images.len())
+            .filter(|i| self.images[*i].split == split)
+            .collect()
+    }
+}
+
+/// Why a data set cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum DatasetError {
+    /// The operating system refused.
+    #[error("cannot read {path}: {source}")]
+    Io {
+        /// File or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A line or record of a file does not parse.
+    #[error("{path}, {place}: {what}")]
+    Parse {
+        /// The file.
+        path: PathBuf,
+        /// Line or byte.
+        place: String,
+        /// What was found and what was expected.
+        what: String,
+    },
+    /// Nothing that a reader knows.
+    #[error(
+        "{path} is no data set that this tool knows: {what}. It reads COLMAP models, transforms.json, 7-Scenes and \
+         Indoor-6 folders, TUM RGB-D folders, pose lists (name qw qx qy qz tx ty tz [f]) and hloc query lists; \
+         `--format` forces one"
+    )]
+    UnknownFormat {
+        /// What was given.
+        path: PathBuf,
+        /// What was looked for.
+        what: String,
+    },
+    /// The format needs something that is not there.
+    #[error("{path}: {what}")]
+    Missing {
+        /// Where it was looked for.
+        path: PathBuf,
+        /// What is missing and how to give it.
+        what: String,
+    },
+    /// Poses that are no rigid transforms.
+    #[error("{path}: pose of {name}: {problem}")]
+    Pose {
+        /// The file.
+        path: PathBuf,
+        /// The picture.
+        name: String,
+        /// What is wrong with it.
+        problem: PoseProblem,
+    },
+    /// Nothing left to work with.
+    #[error("{path}: no usable picture: {what}")]
+    NoPictures {
+        /// The data set.
+        path: PathBuf,
+        /// Counts of the reasons.
+        what: String,
+    },
+    /// `--train` or `--test` does not fit.
+    #[error("{0}")]
+    Split(String),
+}
+
+impl DatasetError {
+    fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
+        move |source| Self::Io {
+            path: path.to_owned(),
+            source,
+        }
+    }
+
+    fn parse(path: &Path, place: impl ToString, what: impl ToString) -> Self {
+        Self::Parse {
+            path: path.to_owned(),
+            place: place.to_string(),
+            what: what.to_string(),
+        }
+    }
+
+    fn missing(path: &Path, what: impl ToString) -> Self {
+        Self::Missing {
+            path: path.to_owned(),
+            what: what.to_string(),
+        }
+    }
+}

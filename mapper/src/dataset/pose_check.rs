@@ -1,0 +1,129 @@
+//! Poses of files become rigid transforms or a problem with a name.
+
+use landline::geometry::Rigid;
+use nalgebra::{Matrix3, Vector3};
+
+/// Largest deviation from an orthonormal matrix that is repaired. 7-Scenes' poses are scaled by about 0.9999; files with
+/// three decimals deviate by 1e-3; a scale of 1 % or more means something else than rounding.
+const MAX_DEVIATION: f64 = 1e-2;
+
+/// Why a matrix is no pose.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PoseProblem {
+    /// NaN, infinite, or all zero.
+    #[error("its numbers are not finite or all zero")]
+    NotFinite,
+    /// Determinant -1.
+    #[error(
+        "its rotation is mirrored (determinant {determinant:.3}): an axis is flipped, which no camera can do; check \
+         the axes with which the file was written"
+    )]
+    Mirrored {
+        /// Of the 3x3 block.
+        determinant: f64,
+    },
+    /// Scaled or sheared.
+    #[error(
+        "its 3x3 block is no rotation: it deviates from the nearest one by {deviation:.3} (scale {scale:.3}); a \
+         similarity has to be taken apart before"
+    )]
+    NotRigid {
+        /// Largest element of the difference.
+        deviation: f64,
+        /// Cube root of the determinant.
+        scale: f64,
+    },
+}
+
+/// The rigid transform nearest to a 3x3 block and a translation.
+///
+/// # Errors
+/// When the block is mirrored, scaled, sheared or not finite.
+pub fn rigid_from_matrix<To, From>(
+    block: &Matrix3<f64>,
+    translation: Vector3<f64>,
+) -> Result<Rigid<To, From>, PoseProblem> {
+    if !block
+        .iter()
+        .chain(translation.iter())
+        .all(|v| v.is_finite())
+    {
+        return Err(PoseProblem::NotFinite);
+    }
+    let determinant = block.determinant();
+    if determinant == 0.0 {
+        return Err(PoseProblem::NotFinite);
+    }
+    if determinant < 0.0 {
+        return Err(PoseProblem::Mirrored { determinant });
+    }
+    let svd = block.svd(true, true);
+    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
+        return Err(PoseProblem::NotFinite);
+    };
+    let rotation = u * v_t;
+    let deviation = (block - rotation).abs().max();
+    if deviation > MAX_DEVIATION {
+        return Err(PoseProblem::NotRigid {
+            deviation,
+            scale: determinant.cbrt(),
+        });
+    }
+    Ok(Rigid::new(rotation, translation))
+}
+
+/// The rigid transform of a quaternion w, x, y, z, which must have about unit length, and a translation.
+///
+/// # Errors
+/// When the quaternion is not finite or far from unit length.
+pub(super) fn rigid_from_quaternion<To, From>(
+    wxyz: [f64; 4],
+    translation: Vector3<f64>,
+) -> Result<Rigid<To, From>, PoseProblem> {
+    let norm = wxyz.iter().map(|v| v * v).sum::<f64>().sqrt();
+    if !norm.is_finite() || norm == 0.0 || !translation.iter().all(|v| v.is_finite()) {
+        return Err(PoseProblem::NotFinite);
+    }
+    if (norm - 1.0).abs() > MAX_DEVIATION {
+        return Err(PoseProblem::NotRigid {
+            deviation: (norm - 1.0).abs(),
+            scale: norm,
+        });
+    }
+    Ok(Rigid::from_quaternion_wxyz(wxyz, translation))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use landline::geometry::CamFromWorld;
+
+    #[test]
+    fn repairs_rounding_and_names_what_it_cannot_repair() {
+        let exact = CamFromWorld::from_quaternion_wxyz([0.9, 0.1, -0.2, 0.3], Vector3::zeros());
+        let t = Vector3::new(1.0, 2.0, 3.0);
+        let scaled = exact.rotation * 0.9999;
+        let repaired: CamFromWorld = rigid_from_matrix(&scaled, t).expect("rounding only");
+        assert!((repaired.rotation - exact.rotation).abs().max() < 1e-12);
+
+        let mut mirrored = exact.rotation;
+        mirrored.column_mut(0).neg_mut();
+        let problem = rigid_from_matrix::<(), ()>(&mirrored, t).expect_err("mirrored");
+        assert!(matches!(problem, PoseProblem::Mirrored { .. }), "{problem}");
+
+        let problem = rigid_from_matrix::<(), ()>(&(exact.rotation * 1.2), t).expect_err("scaled");
+        assert!(
+            matches!(problem, PoseProblem::NotRigid { scale, .. } if (scale - 1.2).abs() < 1e-9)
+        );
+
+        let nan = Matrix3::from_element(f64::NAN);
+        assert_eq!(
+            rigid_from_matrix::<(), ()>(&nan, t),
+            Err(PoseProblem::NotFinite)
+        );
+        assert_eq!(
+            rigid_from_quaternion::<(), ()>([0.0; 4], t),
+            Err(PoseProblem::NotFinite)
+        );
+    }
+}

@@ -11,6 +11,7 @@
 mod device;
 mod error;
 mod executor;
+mod fuse;
 mod lower;
 mod pipelines;
 mod readback;

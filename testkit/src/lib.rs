@@ -3,7 +3,6 @@
 
 mod data;
 mod nn_cases;
-pub mod nn_fuzz;
 mod parallel;
 pub mod room;
 

@@ -2,4 +2,3 @@
 
 #[cfg(feature = "webgpu")]
 mod gpu;
-mod nn;

@@ -1,3 +1,66 @@
-//! Developer commands of landline.
+//! Developer commands of landline: `cargo xtask <command>`. This file is only the table of commands.
 
-fn main() {}
+mod bench;
+mod ci;
+mod demo;
+mod paths;
+mod pins;
+mod serve;
+mod setup;
+mod shell;
+mod tally;
+mod test;
+mod tiers;
+mod web;
+
+use anyhow::Result;
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+/// Developer commands of landline. `demo` and `test` set up by themselves whatever they need.
+#[derive(Debug, Parser)]
+#[command(name = "cargo xtask", bin_name = "cargo xtask")]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Api(web::api::Args),
+    Bench(bench::Args),
+    Ci(ci::Args),
+    Demo(demo::Args),
+    Sample(demo::SampleArgs),
+    Serve(serve::Args),
+    Setup(setup::Args),
+    Size(web::size::Args),
+    Test(test::Args),
+    Web(web::Args),
+}
+
+fn run(command: Command) -> Result<()> {
+    match command {
+        Command::Api(args) => web::api::run(&args),
+        Command::Bench(args) => bench::run(&args),
+        Command::Ci(args) => ci::run(&args),
+        Command::Demo(args) => demo::run(&args),
+        Command::Sample(args) => demo::sample(&args),
+        Command::Serve(args) => serve::run(&args),
+        Command::Setup(args) => setup::run(&args),
+        Command::Size(args) => web::size::run(&args),
+        Command::Test(args) => test::run(&args),
+        Command::Web(args) => web::run(&args),
+    }
+}
+
+fn main() -> ExitCode {
+    match run(Cli::parse().command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            // `{:#}` joins the causes in one line: what failed, why, what to do.
+            eprintln!("\nerror: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -5,7 +5,6 @@ use std::sync::Arc;
 use super::{
     device::GpuDevice,
     error::GpuError,
-    fuse::fuse,
     lower::{Dispatch, Lowering},
     pipelines::{PARAMS_STRIDE, Pipelines},
     readback::{Timer, read_mapped},
@@ -51,7 +50,6 @@ pub struct GpuNetwork {
     staging: wgpu::Buffer,
     bind_group: wgpu::BindGroup,
     steps: Vec<Step>,
-    bytes_moved: u64,
     host_counts: Vec<u32>,
     weight_bytes: u64,
 }
@@ -112,8 +110,7 @@ impl GpuNetwork {
         use wgpu::BufferUsages as Usage;
         gpu.check()?;
         let (packed, weight_offsets) = pack(&graph, weights)?;
-        let (units, planned) = fuse(&graph);
-        let plan = Plan::new(&planned);
+        let plan = Plan::new(&graph);
         let weight_bytes = 4 * packed.len() as u64;
         let limit = super::device::needed_limits().max_storage_buffer_binding_size;
         for (what, needed) in [
@@ -135,8 +132,8 @@ impl GpuNetwork {
             weight_offsets: &weight_offsets,
         };
         let mut dispatches: Vec<Dispatch> = Vec::new();
-        for unit in &units {
-            dispatches.extend(lowering.lower(unit)?);
+        for node in graph.nodes() {
+            dispatches.extend(lowering.lower(node)?);
         }
         let label = |what: &str| format!("{} {what}", graph.name());
         let arena = gpu.buffer(
@@ -220,12 +217,6 @@ impl GpuNetwork {
                 groups: dispatch.groups.map(|n| n as u32),
             });
         }
-        let capacities = graph.capacities();
-        let bytes_moved = planned
-            .nodes()
-            .iter()
-            .map(|node| graph.node_bytes(node, &capacities))
-            .sum();
         gpu.check()?;
         Ok(Self {
             gpu: Arc::clone(gpu),
@@ -236,7 +227,6 @@ impl GpuNetwork {
             staging,
             bind_group,
             steps,
-            bytes_moved,
             host_counts,
             weight_bytes,
         })
@@ -261,7 +251,12 @@ impl GpuNetwork {
         let capacities = self.graph.capacities();
         GpuCost {
             dispatches: self.steps.len(),
-            bytes_moved: self.bytes_moved,
+            bytes_moved: self
+                .graph
+                .nodes()
+                .iter()
+                .map(|node| self.graph.node_bytes(node, &capacities))
+                .sum(),
             macs: self.graph.macs(&capacities),
             arena_bytes: self.plan.arena_bytes() as u64,
             weight_bytes: self.weight_bytes,

@@ -11,7 +11,6 @@
 mod device;
 mod error;
 mod executor;
-mod fuse;
 mod lower;
 mod pipelines;
 mod readback;

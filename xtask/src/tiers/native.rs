@@ -1,0 +1,26 @@
+//! Unit tests, documentation examples and the tests of `tests/native` and `mapper/tests`, on this machine.
+
+use crate::tally::Tally;
+use crate::{setup, shell};
+use anyhow::Result;
+
+/// Runs them; `require_gpu` turns a GPU test that finds no adapter into a failure.
+pub(crate) fn run(require_gpu: bool) -> Result<Tally> {
+    setup::native_tools()?;
+    setup::gpu_driver();
+    let mut cargo = shell::cargo();
+    cargo.args([
+        "test",
+        "--workspace",
+        "--exclude",
+        "landline-web",
+        "--no-fail-fast",
+    ]);
+    if let Ok(weights) = setup::weights() {
+        cargo.env("LANDLINE_XFEAT_CHECKPOINT", weights.checkpoint);
+    }
+    if require_gpu {
+        cargo.env("LANDLINE_REQUIRE_GPU", "1");
+    }
+    super::cargo_test(&mut cargo)
+}

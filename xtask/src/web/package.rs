@@ -1,0 +1,205 @@
+//! The npm package's folder and its tarball.
+
+use super::{BuildConfig, bindgen_dir};
+use crate::setup::{Weights, node_tool};
+use crate::{paths, pins, shell};
+use anyhow::{Context as _, Result, bail};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Compiles `web/ts` to JavaScript and declarations; returns their folder.
+pub(super) fn compile_scripts() -> Result<PathBuf> {
+    println!("web     tsc");
+    let out = paths::root().join("target/web/ts");
+    if out.exists() {
+        fs::remove_dir_all(&out)?;
+    }
+    shell::output(
+        node_tool("typescript/bin/tsc").args(["--project", "pkg-config/tsconfig.package.json"]),
+    )?;
+    Ok(out)
+}
+
+/// Fills `dist/npm/landline`, in one rename.
+pub(super) fn assemble(
+    config: &BuildConfig,
+    wasm: &Path,
+    scripts: &Path,
+    weights: &Weights,
+) -> Result<()> {
+    println!("web     package folder");
+    let root = paths::root();
+    let finished = paths::package();
+    let scratch = finished.with_file_name(".landline.tmp");
+    if scratch.exists() {
+        fs::remove_dir_all(&scratch)?;
+    }
+    fs::create_dir_all(&scratch)?;
+    copy_tree(scripts, &scratch)?;
+    let out_name = &config.out_name;
+    for name in [format!("{out_name}.js"), format!("{out_name}.d.ts")] {
+        copy(&bindgen_dir().join(&name), &scratch.join(&name))?;
+    }
+    copy(wasm, &scratch.join(format!("{out_name}_bg.wasm")))?;
+    for name in ["LICENSE-MIT", "LICENSE-APACHE"] {
+        copy(&root.join(name), &scratch.join(name))?;
+    }
+    copy(
+        &root.join("pkg-config/README.npm.md"),
+        &scratch.join("README.md"),
+    )?;
+    convert_weights(weights, &scratch.join("xfeat.safetensors"))?;
+    copy(&weights.notice, &scratch.join("XFEAT-LICENSE"))?;
+    let manifest = manifest(
+        &pins::text("pkg-config/package.template.json")?,
+        &version()?,
+        &files(&scratch)?,
+    )?;
+    paths::write(&scratch.join("package.json"), manifest.as_bytes())?;
+    paths::replace_dir(&scratch, &finished)
+}
+
+/// Has the native tool convert the checkpoint.
+fn convert_weights(weights: &Weights, to: &Path) -> Result<()> {
+    println!("web     extractor weights");
+    let tool = crate::demo::native_tool()?;
+    let mut convert = shell::command(tool);
+    convert
+        .args(["convert", "--extractor", "xfeat"])
+        .arg(&weights.checkpoint)
+        .arg(to);
+    shell::output(&mut convert)
+        .context("cannot convert the extractor's weights")
+        .map(drop)
+}
+
+/// Packs the folder as npm would publish it; returns the tarball.
+pub(super) fn pack() -> Result<PathBuf> {
+    let dir = paths::root().join("dist/npm");
+    let npm = if cfg!(windows) { "npm.cmd" } else { "npm" };
+    let mut pack = shell::command(npm);
+    pack.args(["pack", "--silent", "--pack-destination"])
+        .arg(&dir)
+        .current_dir(paths::package());
+    let name = shell::output(&mut pack)?;
+    let tarball = dir.join(name.trim());
+    if !tarball.is_file() {
+        bail!(
+            "npm pack said {:?} and left no such file in {}",
+            name.trim(),
+            dir.display()
+        );
+    }
+    Ok(tarball)
+}
+
+/// The tarball of the last build.
+pub(crate) fn tarball() -> Result<PathBuf> {
+    Ok(paths::root().join(format!("dist/npm/landline-{}.tgz", version()?)))
+}
+
+/// The workspace's version, which is the package's too.
+fn version() -> Result<String> {
+    pins::text("Cargo.toml")?
+        .lines()
+        .find_map(|line| line.strip_prefix("version = \""))
+        .map(|rest| rest.trim_end_matches('"').to_owned())
+        .context("Cargo.toml has no workspace version")
+}
+
+/// Fills the template in. The file list names every file, so that a stray one in the folder is never published.
+fn manifest(template: &str, version: &str, files: &[String]) -> Result<String> {
+    let text = template
+        .replace("{{name}}", "landline")
+        .replace("{{version}}", version);
+    let list = serde_json::to_string(files)?;
+    let filled = text.replace("\"files\": []", &format!("\"files\": {list}"));
+    if filled == text || filled.contains("{{") {
+        bail!(
+            "package.template.json lacks the empty file list, or has a placeholder that nothing fills"
+        );
+    }
+    let _: serde_json::Value =
+        serde_json::from_str(&filled).context("package.template.json is not JSON when filled")?;
+    Ok(filled)
+}
+
+/// All files below `dir`, with forward slashes, sorted.
+pub(super) fn files(dir: &Path) -> Result<Vec<String>> {
+    let mut names = Vec::new();
+    let mut folders = vec![dir.to_path_buf()];
+    while let Some(folder) = folders.pop() {
+        for entry in
+            fs::read_dir(&folder).with_context(|| format!("cannot list {}", folder.display()))?
+        {
+            let path = entry?.path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if let Ok(name) = path.strip_prefix(dir) {
+                names.push(name.to_string_lossy().replace('\\', "/"));
+            }
+        }
+    }
+    names.sort();
+    Ok(names)
+}
+
+/// The path that `./x` or `../x` means in a file of `folder`, both inside the package.
+pub(super) fn resolve(folder: &str, import: &str) -> String {
+    let mut parts: Vec<&str> = folder.split('/').filter(|part| !part.is_empty()).collect();
+    for part in import.split('/') {
+        match part {
+            "." => {}
+            ".." => {
+                parts.pop();
+            }
+            name => parts.push(name),
+        }
+    }
+    parts.join("/")
+}
+
+pub(super) fn copy(from: &Path, to: &Path) -> Result<()> {
+    if let Some(parent) = to.parent() {
+        fs::create_dir_all(parent)?;
+    }
+    fs::copy(from, to)
+        .with_context(|| format!("cannot copy {} to {}", from.display(), to.display()))
+        .map(drop)
+}
+
+pub(super) fn copy_tree(from: &Path, to: &Path) -> Result<()> {
+    for name in files(from)? {
+        copy(&from.join(&name), &to.join(&name))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{manifest, resolve};
+
+    #[test]
+    fn resolves_imports_against_their_folder() {
+        assert_eq!(resolve("adapters", "../types.js"), "types.js");
+        assert_eq!(resolve("", "./types.js"), "types.js");
+    }
+
+    #[test]
+    fn fills_the_template() {
+        let template = r#"{ "name": "{{name}}", "version": "{{version}}", "files": [] }"#;
+        let filled = manifest(template, "1.2.3", &["a.js".to_owned()]).unwrap_or_default();
+        assert_eq!(
+            filled,
+            r#"{ "name": "landline", "version": "1.2.3", "files": ["a.js"] }"#
+        );
+    }
+
+    #[test]
+    fn refuses_an_unfilled_placeholder() {
+        assert!(
+            manifest(r#"{ "x": "{{licence}}", "files": [] }"#, "1.2.3", &[]).is_err(),
+            "unknown placeholder"
+        );
+    }
+}

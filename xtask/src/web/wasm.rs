@@ -1,0 +1,128 @@
+//! The wasm binary: cargo, wasm-bindgen, wasm-opt.
+
+use super::{BuildConfig, bindgen_dir};
+use crate::setup::{WebTools, node_tool};
+use crate::{paths, shell};
+use anyhow::{Context as _, Result, bail};
+use sha2::{Digest as _, Sha256};
+use std::fs;
+use std::path::PathBuf;
+
+/// Builds the binary and returns its path; the glue lies beside it.
+pub(super) fn build(config: &BuildConfig, tools: &WebTools) -> Result<PathBuf> {
+    println!(
+        "web     cargo builds {} ({}, profile {})",
+        config.crate_name, config.target, config.profile
+    );
+    let mut flags = config.rustflags.clone();
+    // Panic messages carry source paths; these say nothing of the machine that built them.
+    for (from, to) in private_paths() {
+        flags.push(format!("--remap-path-prefix={from}={to}"));
+    }
+    let mut cargo = shell::cargo();
+    // Composed here, whatever the environment says: flags set outside would replace ours and lose simd128.
+    cargo
+        .args([
+            "build",
+            "--package",
+            &config.crate_name,
+            "--lib",
+            "--profile",
+            &config.profile,
+        ])
+        .args(["--target", &config.target])
+        .env_remove("RUSTFLAGS")
+        .env("CARGO_ENCODED_RUSTFLAGS", flags.join("\u{1f}"));
+    shell::run(&mut cargo)?;
+    let raw = paths::target()
+        .join(&config.target)
+        .join(&config.profile)
+        .join(format!("{}.wasm", config.crate_name.replace('-', "_")));
+
+    let dir = bindgen_dir();
+    let out = dir.join(format!("{}_bg.wasm", config.out_name));
+    let key = key(config, tools, &raw)?;
+    let stamp = dir.join("built-from");
+    if out.is_file() && fs::read_to_string(&stamp).is_ok_and(|text| text == key) {
+        println!("web     wasm-bindgen, wasm-opt: up to date");
+        return Ok(out);
+    }
+
+    println!("web     wasm-bindgen");
+    let scratch = dir.with_file_name("bindgen.tmp");
+    if scratch.exists() {
+        fs::remove_dir_all(&scratch)?;
+    }
+    let mut bindgen = shell::command(&tools.wasm_bindgen.cli);
+    bindgen
+        .args([
+            "--target",
+            "web",
+            "--remove-producers-section",
+            "--out-name",
+            &config.out_name,
+            "--out-dir",
+        ])
+        .arg(&scratch)
+        .arg(&raw);
+    shell::run(&mut bindgen)?;
+
+    println!(
+        "web     wasm-opt {}",
+        config.wasm_opt.first().map_or("", String::as_str)
+    );
+    let bound = scratch.join(format!("{}_bg.wasm", config.out_name));
+    let optimized = scratch.join("optimized.wasm");
+    let mut wasm_opt = node_tool("binaryen/bin/wasm-opt");
+    wasm_opt
+        .args(&config.wasm_opt)
+        .arg(&bound)
+        .arg("-o")
+        .arg(&optimized);
+    shell::output(&mut wasm_opt)?;
+    fs::rename(&optimized, &bound).context("wasm-opt left no output")?;
+    paths::write(&scratch.join("built-from"), key.as_bytes())?;
+    fs::create_dir_all(paths::root().join("target/web"))?;
+    paths::replace_dir(&scratch, &dir)?;
+    no_private_paths(&fs::read(&out)?)?;
+    Ok(out)
+}
+
+/// Hash of everything the two tools' output depends on.
+fn key(config: &BuildConfig, tools: &WebTools, raw: &PathBuf) -> Result<String> {
+    let mut hash = Sha256::new();
+    hash.update(fs::read(raw).with_context(|| format!("cargo left no {}", raw.display()))?);
+    hash.update(config.wasm_opt.join("\n"));
+    hash.update(&tools.node.lock_hash);
+    hash.update(tools.wasm_bindgen.cli.to_string_lossy().as_bytes());
+    Ok(hash
+        .finalize()
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect())
+}
+
+/// Folders of this machine that source paths in a binary begin with, and what stands for them.
+fn private_paths() -> Vec<(String, &'static str)> {
+    let mut paths = vec![(paths::root().display().to_string(), "landline")];
+    let cargo_home = std::env::var_os("CARGO_HOME")
+        .map(PathBuf::from)
+        .or_else(|| std::env::var_os("HOME").map(|home| PathBuf::from(home).join(".cargo")));
+    if let Some(home) = cargo_home {
+        paths.push((home.display().to_string(), "cargo"));
+    }
+    paths
+}
+
+/// The binary must not tell where it was built.
+fn no_private_paths(wasm: &[u8]) -> Result<()> {
+    for (path, _) in private_paths() {
+        if wasm
+            .windows(path.len())
+            .any(|window| window == path.as_bytes())
+        {
+            bail!("the wasm binary contains the path {path}: a source path escaped the remapping");
+        }
+    }
+    Ok(())
+}

@@ -37,7 +37,10 @@ self.addEventListener("message", (event) => {
 
 self.addEventListener("fetch", (event) => {
   const { request } = event;
-  if (request.method !== "GET" || new URL(request.url).origin !== self.location.origin) return;
+  const url = new URL(request.url);
+  if (request.method !== "GET" || url.origin !== self.location.origin) return;
+  // The package keeps weights in a checked cache of its own.
+  if (/\.(landline|safetensors)$/.test(url.pathname)) return;
   event.respondWith(answer(request));
 });
 

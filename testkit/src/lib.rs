@@ -3,6 +3,7 @@
 
 mod data;
 mod nn_cases;
+pub mod nn_fuzz;
 mod parallel;
 pub mod room;
 

@@ -223,6 +223,40 @@ fn dense_cases(rng: &mut Rng, cases: &mut Vec<NnCase>) {
             2e-6 * (depth as f64).sqrt(),
         ));
     }
+    for post in [false, true] {
+        let (h, w) = (pick(rng, &[2, 7, 16, 26]), pick(rng, &[2, 9, 24, 34]));
+        let (hidden, out) = (pick(rng, &[16, 64]), pick(rng, &[4, 24, 64]));
+        let mut m = maker(rng, "stem");
+        let x = m.picture("x", h, w, 1);
+        let mut y =
+            m.g.conv3x3(x, Dense::new("a", hidden).activation(Activation::Relu));
+        if post {
+            y = m.g.linear(y, Dense::new("a.post", hidden).groups(hidden));
+        }
+        let mut y =
+            m.g.conv3x3(y, Dense::new("b", out).activation(Activation::Relu));
+        if post {
+            y = m.g.linear(y, Dense::new("b.post", out).groups(out));
+        }
+        let y = m.g.max_pool(y, 2, 2, 0);
+        m.g.output("y", y);
+        cases.push(m.finish(
+            format!("stem {h}x{w} to {hidden} to {out} post {post}"),
+            2e-5,
+        ));
+
+        let used = pick(rng, &[0, 1, 65]);
+        let mut m = maker(rng, "affine");
+        let x = m.rows("x", used + 2, used, 1, out);
+        let y = m.g.linear(
+            x,
+            Dense::new("l", out)
+                .groups(out)
+                .activation(Activation::Sigmoid),
+        );
+        m.g.output("y", y);
+        cases.push(m.finish(format!("affine {used}x{out}"), 2e-6));
+    }
     for stride in [1, 2] {
         for channels in [1, 4, 5, 24] {
             let (h, w) = (pick(rng, &[1, 2, 7, 12, 33]), pick(rng, &[1, 3, 8, 17, 40]));

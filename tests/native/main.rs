@@ -2,3 +2,4 @@
 
 #[cfg(feature = "webgpu")]
 mod gpu;
+mod nn;

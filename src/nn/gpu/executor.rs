@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::{
     device::GpuDevice,
     error::GpuError,
+    fuse::fuse,
     lower::{Dispatch, Lowering},
     pipelines::{PARAMS_STRIDE, Pipelines},
     readback::{Timer, read_mapped},
@@ -50,6 +51,7 @@ pub struct GpuNetwork {
     staging: wgpu::Buffer,
     bind_group: wgpu::BindGroup,
     steps: Vec<Step>,
+    bytes_moved: u64,
     host_counts: Vec<u32>,
     weight_bytes: u64,
 }
@@ -110,7 +112,8 @@ impl GpuNetwork {
         use wgpu::BufferUsages as Usage;
         gpu.check()?;
         let (packed, weight_offsets) = pack(&graph, weights)?;
-        let plan = Plan::new(&graph);
+        let (units, planned) = fuse(&graph);
+        let plan = Plan::new(&planned);
         let weight_bytes = 4 * packed.len() as u64;
         let limit = super::device::needed_limits().max_storage_buffer_binding_size;
         for (what, needed) in [
@@ -132,8 +135,8 @@ impl GpuNetwork {
             weight_offsets: &weight_offsets,
         };
         let mut dispatches: Vec<Dispatch> = Vec::new();
-        for node in graph.nodes() {
-            dispatches.extend(lowering.lower(node)?);
+        for unit in &units {
+            dispatches.extend(lowering.lower(unit)?);
         }
         let label = |what: &str| format!("{} {what}", graph.name());
         let arena = gpu.buffer(
@@ -217,6 +220,12 @@ impl GpuNetwork {
                 groups: dispatch.groups.map(|n| n as u32),
             });
         }
+        let capacities = graph.capacities();
+        let bytes_moved = planned
+            .nodes()
+            .iter()
+            .map(|node| graph.node_bytes(node, &capacities))
+            .sum();
         gpu.check()?;
         Ok(Self {
             gpu: Arc::clone(gpu),
@@ -227,6 +236,7 @@ impl GpuNetwork {
             staging,
             bind_group,
             steps,
+            bytes_moved,
             host_counts,
             weight_bytes,
         })
@@ -251,12 +261,7 @@ impl GpuNetwork {
         let capacities = self.graph.capacities();
         GpuCost {
             dispatches: self.steps.len(),
-            bytes_moved: self
-                .graph
-                .nodes()
-                .iter()
-                .map(|node| self.graph.node_bytes(node, &capacities))
-                .sum(),
+            bytes_moved: self.bytes_moved,
             macs: self.graph.macs(&capacities),
             arena_bytes: self.plan.arena_bytes() as u64,
             weight_bytes: self.weight_bytes,

@@ -1,6 +1,10 @@
 //! From an operation of a graph to the dispatches that compute it.
 
-use super::{error::GpuError, pipelines::Params};
+use super::{
+    error::GpuError,
+    fuse::{StemLayer, Unit},
+    pipelines::Params,
+};
 use crate::nn::{
     Activation, Filter, Graph, Node, Op,
     plan::Plan,
@@ -119,11 +123,57 @@ impl Lowering<'_> {
         Ok(width / 4)
     }
 
-    /// The kernel calls of one operation, in order.
+    /// The kernel calls of one operation or of several fused ones, in order.
     ///
     /// # Errors
     /// [`GpuError::Unsupported`] for sizes beyond a kernel's.
-    pub(super) fn lower(&self, node: &Node) -> Result<Vec<Dispatch>, GpuError> {
+    pub(super) fn lower(&self, unit: &Unit) -> Result<Vec<Dispatch>, GpuError> {
+        match unit {
+            Unit::One(node) => self.lower_node(node),
+            Unit::Stem {
+                node,
+                layers,
+                hidden_channels,
+            } => self.stem(node, layers, *hidden_channels),
+        }
+    }
+
+    fn stem(
+        &self,
+        node: &Node,
+        [a, b]: &[StemLayer; 2],
+        hidden: usize,
+    ) -> Result<Vec<Dispatch>, GpuError> {
+        let (x, y) = (&node.inputs[0], &node.outputs[0]);
+        let to = self.grid("stem", y)?;
+        let params = self.place(self.place(Params::default(), "x", x), "y", y);
+        let mut params = sizes(params, self.grid("stem", x)?, to)
+            .u("hidden_channels", hidden)
+            .u("columns", y.channels);
+        for (name, layer) in [("a", a), ("b", b)] {
+            params = params
+                .u(&format!("{name}_offset"), self.weight(layer.weight))
+                .u(&format!("{name}_bias"), self.weight(layer.bias))
+                .u(&format!("{name}_post"), usize::from(layer.post.is_some()))
+                .u(
+                    &format!("{name}_post_scale"),
+                    layer.post.map_or(0, |(scale, _)| self.weight(scale)),
+                )
+                .u(
+                    &format!("{name}_post_bias"),
+                    layer.post.map_or(0, |(_, bias)| self.weight(bias)),
+                );
+        }
+        let groups = [to.width.div_ceil(4), to.height.div_ceil(4), 1];
+        Ok(vec![Dispatch {
+            kernel: "stem",
+            constants: String::new(),
+            params,
+            groups,
+        }])
+    }
+
+    fn lower_node(&self, node: &Node) -> Result<Vec<Dispatch>, GpuError> {
         let name = node.op.name();
         let x = &node.inputs[0];
         let second = node.inputs.get(1);

@@ -44,6 +44,7 @@ pub(super) const PARAMS_STRIDE: usize = 256;
 
 /// Names and texts of all kernels.
 pub(super) const KERNELS: &[(&str, &str)] = &[
+    ("affine", include_str!("wgsl/affine.wgsl")),
     ("attention", include_str!("wgsl/attention.wgsl")),
     ("conv3x3", include_str!("wgsl/conv3x3.wgsl")),
     ("conv3x3_small", include_str!("wgsl/conv3x3_small.wgsl")),
@@ -58,6 +59,7 @@ pub(super) const KERNELS: &[(&str, &str)] = &[
     ("resize", include_str!("wgsl/resize.wgsl")),
     ("sample", include_str!("wgsl/sample.wgsl")),
     ("soft_choice", include_str!("wgsl/soft_choice.wgsl")),
+    ("stem", include_str!("wgsl/stem.wgsl")),
     ("token_pool", include_str!("wgsl/token_pool.wgsl")),
     ("unfold", include_str!("wgsl/unfold.wgsl")),
 ];

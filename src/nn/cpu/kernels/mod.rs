@@ -1,0 +1,18 @@
+//! The inner loops: the only part of the runtime with SIMD and `unsafe`.
+//!
+//! Each kernel is generic over a vector type ([`lanes`]) and compiled for every instruction set of the target; the level
+//! is chosen once, when an executor is made. Natively the levels are AVX-512, AVX2 with FMA, NEON and plain Rust;
+//! in wasm it is simd128.
+#![expect(
+    unsafe_code,
+    reason = "vector instructions and unchecked tile accesses; sizes are asserted before each loop"
+)]
+
+pub(super) mod arena;
+pub(super) mod attention;
+pub(super) mod conv3x3;
+pub(super) mod elementwise;
+pub(super) mod gemm;
+pub(super) mod lanes;
+pub(super) mod norm;
+pub(super) mod soft_choice;

@@ -1,0 +1,149 @@
+//! Remembers the focal length of cameras whose intrinsics nobody told.
+//!
+//! Each located frame with a free focal length is one measurement of ln f with a standard deviation. They are combined by
+//! the median, because a wrong position gives a wildly wrong focal length, and an average would carry it along for ever.
+
+use std::collections::{BTreeMap, VecDeque};
+
+/// Measurements kept per camera.
+const CAPACITY: usize = 64;
+/// Fewer measurements are not worth remembering.
+const MIN_COUNT: usize = 5;
+/// A single frame with a relative deviation above this says too little.
+const MAX_SIGMA_LN: f64 = 0.10;
+/// Below this the remembered value is as good as given. 1.7 % costs 5 cm at 3 m.
+const FROZEN_SIGMA_LN: f64 = 0.01;
+/// Cameras that are remembered; the least recently named is dropped.
+const MAX_CAMERAS: usize = 16;
+
+/// What is believed about one camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FocalBelief {
+    /// Focal length divided by the picture's width.
+    pub focal_per_width: f64,
+    /// Standard deviation of its logarithm.
+    pub sigma_ln: f64,
+}
+
+impl FocalBelief {
+    /// True when it need not be estimated any more.
+    pub fn is_frozen(&self) -> bool {
+        self.sigma_ln <= FROZEN_SIGMA_LN
+    }
+}
+
+/// Beliefs by the name of the camera.
+#[derive(Debug, Clone, Default)]
+pub struct FocalMemory {
+    cameras: BTreeMap<String, (VecDeque<f64>, u64)>,
+    uses: u64,
+}
+
+impl FocalMemory {
+    /// Forgets all cameras.
+    pub fn clear(&mut self) {
+        self.cameras.clear();
+    }
+
+    /// What is known about a camera; `None` for too few measurements or an empty name.
+    pub fn belief(&self, camera: &str) -> Option<FocalBelief> {
+        let (measured, _) = self.cameras.get(camera)?;
+        if measured.len() < MIN_COUNT {
+            return None;
+        }
+        let mut sorted: Vec<f64> = measured.iter().copied().collect();
+        let middle = median(&mut sorted);
+        let mut deviations: Vec<f64> = measured.iter().map(|v| (v - middle).abs()).collect();
+        // 1.4826 turns the median deviation into a standard deviation, 1.2533 is the median's loss against the mean.
+        let spread = 1.4826 * median(&mut deviations);
+        let n = measured.len() as f64;
+        let sigma_ln = (1.2533 * spread / libm::sqrt(n)).max(1e-3);
+        Some(FocalBelief {
+            focal_per_width: libm::exp(middle),
+            sigma_ln,
+        })
+    }
+
+    /// Adds the focal length that a located frame gave.
+    pub fn learn(&mut self, camera: &str, focal_per_width: f64, sigma_ln: f64) {
+        let usable =
+            focal_per_width > 0.0 && focal_per_width.is_finite() && sigma_ln <= MAX_SIGMA_LN;
+        if camera.is_empty() || !usable {
+            return;
+        }
+        self.uses += 1;
+        let uses = self.uses;
+        let (measured, used) = self.cameras.entry(camera.to_owned()).or_default();
+        *used = uses;
+        if measured.len() == CAPACITY {
+            measured.pop_front();
+        }
+        measured.push_back(libm::log(focal_per_width));
+        if self.cameras.len() > MAX_CAMERAS {
+            let oldest = self
+                .cameras
+                .iter()
+                .min_by_key(|(_, (_, used))| *used)
+                .map(|(name, _)| name.clone());
+            if let Some(name) = oldest {
+                self.cameras.remove(&name);
+            }
+        }
+    }
+}
+
+/// Median of a list that is not empty; the list is reordered.
+fn median(values: &mut [f64]) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let n = values.len();
+    let upper = values.get(n / 2).copied().unwrap_or(0.0);
+    let lower = values.get((n.max(1) - 1) / 2).copied().unwrap_or(0.0);
+    0.5 * (lower + upper)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn learns_in_spite_of_wrong_frames() {
+        let mut memory = FocalMemory::default();
+        for i in 0..20 {
+            let f = if i % 5 == 0 {
+                2.5
+            } else {
+                0.9 + 0.002 * f64::from(i % 3)
+            };
+            memory.learn("back", f, 0.02);
+        }
+        let belief = memory.belief("back");
+        assert!(belief.is_some_and(|b| (b.focal_per_width - 0.902).abs() < 0.004 && b.is_frozen()));
+    }
+
+    #[test]
+    fn says_nothing_after_few_or_vague_frames() {
+        let mut memory = FocalMemory::default();
+        for _ in 0..4 {
+            memory.learn("a", 0.9, 0.02);
+            memory.learn("", 0.9, 0.02);
+            memory.learn("b", 0.9, 0.5);
+            memory.learn("b", f64::NAN, 0.01);
+        }
+        assert_eq!(memory.belief("a"), None);
+        assert_eq!(memory.belief(""), None);
+        assert_eq!(memory.belief("b"), None);
+    }
+
+    #[test]
+    fn keeps_a_bounded_number_of_cameras() {
+        let mut memory = FocalMemory::default();
+        for i in 0..40 {
+            for _ in 0..6 {
+                memory.learn(&format!("camera {i}"), 1.0, 0.01);
+            }
+        }
+        assert_eq!(memory.cameras.len(), MAX_CAMERAS);
+        assert!(memory.belief("camera 39").is_some());
+        assert!(memory.belief("camera 0").is_none());
+    }
+}

@@ -1,0 +1,381 @@
+//! Scene files: a regressor's weights with everything needed to use them.
+
+use super::info::check_sha256;
+use super::{Element, ExtractorFile, SceneFileError, SceneInfo, TensorFile, check_kind, serialize};
+use crate::models::{RegressorConfig, Variant};
+use crate::nn::Weights;
+
+/// How weights are stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Precision {
+    /// 32-bit.
+    F32,
+    /// 16-bit. The default.
+    #[default]
+    F16,
+    /// Matrices as 8-bit rows with one factor each, the rest as 16-bit. In anchored networks only the keys are matrices of
+    /// this kind: positions need their digits, and the small MLPs weigh nothing.
+    Int8,
+}
+
+/// A scene: network, weights, metadata.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SceneFile {
+    /// Metadata.
+    pub info: SceneInfo,
+    /// The network.
+    pub config: RegressorConfig,
+    /// The tensors of [`RegressorConfig::tensors`].
+    pub weights: Weights,
+}
+
+impl SceneFile {
+    /// Reads and checks a file.
+    ///
+    /// # Errors
+    /// [`SceneFileError`] for everything that is not exactly a scene file of this version.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, SceneFileError> {
+        let file = TensorFile::parse(bytes)?;
+        check_kind(&file, "scene")?;
+        let info = SceneInfo::from_file(&file)?;
+        let text = file.text("config")?;
+        let config: RegressorConfig =
+            serde_json::from_str(text).map_err(|e| SceneFileError::value("config", text, e))?;
+        let variant = file.text("variant")?;
+        if variant != config.variant().name() {
+            return Err(SceneFileError::value(
+                "variant",
+                variant,
+                format!(
+                    "the configuration is of variant {}",
+                    config.variant().name()
+                ),
+            ));
+        }
+        config.validate()?;
+        check_descriptor_size(&info, &config)?;
+        let weights = file.weights()?;
+        config.check_weights(&weights)?;
+        Ok(Self {
+            info,
+            config,
+            weights,
+        })
+    }
+
+    /// The bytes of the file.
+    ///
+    /// # Errors
+    /// [`SceneFileError`] when the weights are not those of the configuration, not finite, or too large for the precision.
+    pub fn to_bytes(&self, precision: Precision) -> Result<Vec<u8>, SceneFileError> {
+        self.config.check_weights(&self.weights)?;
+        check_descriptor_size(&self.info, &self.config)?;
+        check_sha256("extractor_sha256", &self.info.extractor_sha256)?;
+        let metadata = self.info.to_metadata(&self.config);
+        let anchored = self.config.variant() == Variant::Anchored;
+        let world_heads = self.world_heads();
+        let element_of = |name: &str, shape: &[usize]| match precision {
+            Precision::F32 => Element::F32,
+            _ if world_heads.iter().any(|head| head == name) => Element::F32,
+            Precision::F16 => Element::F16,
+            Precision::Int8 if anchored => {
+                if name.ends_with(".anchor.keys") {
+                    Element::I8
+                } else {
+                    Element::F16
+                }
+            }
+            Precision::Int8 => match shape {
+                [_, columns] if *columns >= 16 => Element::I8,
+                _ => Element::F16,
+            },
+        };
+        let bytes = serialize(&metadata, &self.weights, element_of)?;
+        Ok(bytes)
+    }
+
+    /// Last head layers of a network that predicts raw world coordinates: stored in f32, because an f16 bias far from the
+    /// origin would shift the whole map.
+    fn world_heads(&self) -> Vec<String> {
+        let normalised = self.info.scale != super::SceneScale::default();
+        if normalised || self.config.variant() == Variant::Anchored {
+            return Vec::new();
+        }
+        let mut out = Vec::new();
+        for head in ["point.head", "line.head"] {
+            let last = self
+                .weights
+                .iter()
+                .filter_map(|(name, _)| name.strip_prefix(head)?.strip_suffix(".b"))
+                .max();
+            out.extend(
+                last.iter()
+                    .flat_map(|layer| [format!("{head}{layer}.w"), format!("{head}{layer}.b")]),
+            );
+        }
+        out
+    }
+
+    /// Checks that the scene was taught with this extractor.
+    ///
+    /// # Errors
+    /// [`SceneFileError::WrongExtractor`].
+    pub fn check_extractor(&self, extractor: &ExtractorFile) -> Result<(), SceneFileError> {
+        let same = self.info.extractor == extractor.kind
+            && self.info.extractor_sha256 == extractor.source_sha256;
+        if same {
+            return Ok(());
+        }
+        Err(SceneFileError::WrongExtractor {
+            needed: self.info.extractor.name().to_owned(),
+            needed_sha256: self.info.extractor_sha256.clone(),
+            found: extractor.kind.name().to_owned(),
+            found_sha256: extractor.source_sha256.clone(),
+        })
+    }
+}
+
+fn check_descriptor_size(info: &SceneInfo, config: &RegressorConfig) -> Result<(), SceneFileError> {
+    let (network, extractor) = (
+        config.descriptor_channels(),
+        info.extractor.descriptor_channels(),
+    );
+    if network == extractor {
+        return Ok(());
+    }
+    Err(SceneFileError::value(
+        "config",
+        &format!("descriptor_channels {network}"),
+        format!(
+            "extractor {} makes descriptors of {extractor}",
+            info.extractor.name()
+        ),
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{HeldOut, SceneScale, TrainingSummary};
+    use super::*;
+    use crate::geometry::{Camera, CameraModel};
+    use crate::models::{ExtractorKind, Preset};
+    use crate::nn::WeightTensor;
+    use nalgebra::Vector3;
+
+    fn scene(preset: Preset) -> SceneFile {
+        let config = RegressorConfig::preset(preset, 64);
+        let mut state = 1_u32;
+        let weights = config
+            .tensors()
+            .into_iter()
+            .map(|t| {
+                let n = t.shape.iter().product();
+                let data = (0..n)
+                    .map(|_| {
+                        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                        f32::from(u16::try_from(state >> 16).expect("16 bits")) / 65_536.0 - 0.5
+                    })
+                    .collect();
+                (t.name, WeightTensor::f32(&t.shape, data).expect("sizes"))
+            })
+            .collect();
+        let mut info = SceneInfo::new(ExtractorKind::Xfeat, "ab".repeat(32));
+        info.preset = Some(preset);
+        info.scale = SceneScale {
+            centre: Vector3::new(1.5, -2.0, 100.25),
+            scale: 3.5,
+        };
+        info.gravity = Some(Vector3::new(0.0, 0.0, -1.0));
+        info.camera = Some(Camera {
+            width: 640,
+            height: 480,
+            model: CameraModel::Pinhole {
+                fx: 525.0,
+                fy: 525.0,
+                cx: 320.0,
+                cy: 240.0,
+            },
+        });
+        info.training = Some(TrainingSummary {
+            num_images: 10,
+            held_out: Some(HeldOut {
+                num_images: 3,
+                num_not_located: 0,
+                median_position: 0.01,
+                median_rotation_deg: 0.3,
+                recall_5cm_5deg: 1.0,
+            }),
+            ..TrainingSummary::default()
+        });
+        info.licence = "CC0".to_owned();
+        info.created = "2026-01-01".to_owned();
+        SceneFile {
+            info,
+            config,
+            weights,
+        }
+    }
+
+    #[test]
+    fn f32_files_come_back_exactly_and_equal_scenes_give_equal_bytes() {
+        for preset in [Preset::Standard, Preset::Compact] {
+            let scene = scene(preset);
+            let bytes = scene.to_bytes(Precision::F32).expect("writes");
+            assert_eq!(
+                bytes,
+                scene.clone().to_bytes(Precision::F32).expect("writes")
+            );
+            assert_eq!(SceneFile::from_bytes(&bytes).expect("reads"), scene);
+        }
+    }
+
+    #[test]
+    fn compact_int8_is_small_and_close() {
+        let scene = scene(Preset::Compact);
+        let bytes = scene.to_bytes(Precision::Int8).expect("writes");
+        assert!(bytes.len() < 350_000, "{}", bytes.len());
+        let back = SceneFile::from_bytes(&bytes).expect("reads");
+        for (name, tensor) in scene.weights.iter() {
+            let limit = if name.ends_with("keys") {
+                0.5 / 127.0
+            } else {
+                3e-4
+            };
+            let got = back.weights.get(name).expect("present").to_f32();
+            for (a, b) in tensor.to_f32().iter().zip(got) {
+                assert!((a - b).abs() <= limit, "{name}: {a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn imported_networks_keep_their_last_layers_in_f32() {
+        let mut scene = scene(Preset::Standard);
+        scene.info.scale = SceneScale::default();
+        let mut data = vec![0.1; 3];
+        data[0] = 517.123_4;
+        scene.weights.insert(
+            "point.head.3.b",
+            WeightTensor::f32(&[3], data).expect("sizes"),
+        );
+        let bytes = scene.to_bytes(Precision::F16).expect("writes");
+        let back = SceneFile::from_bytes(&bytes).expect("reads");
+        let b = back
+            .weights
+            .get("point.head.3.b")
+            .expect("present")
+            .to_f32();
+        assert_eq!(b[0], 517.123_4);
+    }
+
+    #[test]
+    fn every_truncation_and_padding_is_refused() {
+        let bytes = scene(Preset::Compact)
+            .to_bytes(Precision::Int8)
+            .expect("writes");
+        let header = usize::try_from(u64::from_le_bytes(*bytes.first_chunk().expect("long")))
+            .expect("small");
+        let cuts = (0..header + 16).step_by(7).chain([bytes.len() - 1]);
+        for n in cuts {
+            assert!(SceneFile::from_bytes(&bytes[..n]).is_err(), "{n}");
+        }
+        let mut longer = bytes.clone();
+        longer.push(0);
+        assert!(matches!(
+            SceneFile::from_bytes(&longer),
+            Err(SceneFileError::Header { .. })
+        ));
+    }
+
+    #[test]
+    fn wrong_kinds_versions_and_values_have_their_own_errors() {
+        let good = scene(Preset::Compact);
+        let change = |key: &str, value: &str| {
+            let mut metadata = good.info.to_metadata(&good.config);
+            metadata.insert(key.to_owned(), value.to_owned());
+            let bytes = serialize(&metadata, &good.weights, |_, _| Element::F32).expect("writes");
+            SceneFile::from_bytes(&bytes)
+                .map(|_| ())
+                .expect_err("must refuse")
+        };
+        assert!(matches!(
+            change("landline", "extractor"),
+            SceneFileError::Kind { .. }
+        ));
+        assert!(matches!(
+            change("format", "2"),
+            SceneFileError::Version { .. }
+        ));
+        for (key, value) in [
+            ("extractor", "sift"),
+            ("extractor_sha256", "zz"),
+            ("sampler", "legacy"),
+            ("scene_scale", "0"),
+            ("scene_scale", "NaN"),
+            ("scene_centre", "[1,2]"),
+            ("scene_centre", "[1,2,1e300]"),
+            ("gravity", "[0,0,2]"),
+            ("units", "feet"),
+            (
+                "camera",
+                "{\"model\":\"PINHOLE\",\"width\":0,\"height\":0,\"params\":[1,1,1,1]}",
+            ),
+            ("variant", "v1"),
+            ("config", "{}"),
+            ("working_max_side", "1e9"),
+            ("training", "5"),
+        ] {
+            let error = change(key, value);
+            assert!(
+                matches!(error, SceneFileError::Value { .. }),
+                "{key}: {error}"
+            );
+        }
+        let huge = serde_json::json!(good.config)
+            .to_string()
+            .replace("2048", "18446744073709551615");
+        assert!(matches!(change("config", &huge), SceneFileError::Model(_)));
+        let other = ExtractorFile {
+            kind: ExtractorKind::Xfeat,
+            source_sha256: "cd".repeat(32),
+            source: String::new(),
+            licence: String::new(),
+            weights: Weights::new(),
+        };
+        assert!(matches!(
+            good.check_extractor(&other),
+            Err(SceneFileError::WrongExtractor { .. })
+        ));
+    }
+
+    #[test]
+    fn tensors_that_are_missing_misnamed_misshapen_or_not_finite_are_refused() {
+        let good = scene(Preset::Compact);
+        let metadata = good.info.to_metadata(&good.config);
+        let write = |weights: &Weights| {
+            let bytes = serialize(&metadata, weights, |_, _| Element::F32).expect("writes");
+            SceneFile::from_bytes(&bytes)
+                .map(|_| ())
+                .expect_err("must refuse")
+        };
+        let mut missing = good.weights.clone();
+        let sharpness = missing.remove("point.anchor.sharpness").expect("present");
+        assert!(matches!(write(&missing), SceneFileError::Model(_)));
+        missing.insert("point.anchor.sharpnes", sharpness);
+        assert!(matches!(write(&missing), SceneFileError::Model(_)));
+        let mut stray = good.weights.clone();
+        stray.insert("x", WeightTensor::f32(&[1], vec![0.0]).expect("sizes"));
+        assert!(matches!(
+            write(&stray),
+            SceneFileError::Model(crate::models::ModelError::UnexpectedTensor { .. })
+        ));
+        // A NaN cannot be written, so it is put into the bytes.
+        let mut bytes = good.to_bytes(Precision::F32).expect("writes");
+        let at = bytes.len() - 4;
+        bytes[at..].copy_from_slice(&f32::NAN.to_le_bytes());
+        assert!(matches!(
+            SceneFile::from_bytes(&bytes),
+            Err(SceneFileError::NotFinite { .. })
+        ));
+    }
+}

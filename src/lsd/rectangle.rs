@@ -7,6 +7,7 @@ use super::field::{DEFINED, Field};
 use super::nfa::NfaTable;
 use super::params::{Tolerance, angle_distance};
 use super::region::Region;
+use crate::math::precise;
 use core::f64::consts::PI;
 
 /// Steps of each stage of the improvement.
@@ -53,7 +54,7 @@ impl Rectangle {
         cx /= total;
         cy /= total;
         let theta = axis_angle(pixels(), [cx, cy], region.angle(), default_tolerance.rad)?;
-        let (sin, cos) = libm::sincos(theta);
+        let (sin, cos) = precise::sin_cos(theta);
         let (mut along_min, mut along_max, mut across_min, mut across_max) =
             (0.0f64, 0.0f64, 0.0f64, 0.0f64);
         for (x, y, _) in pixels() {
@@ -266,9 +267,9 @@ fn axis_angle(
     }
     let smaller = 0.5 * (ixx + iyy - ((ixx - iyy) * (ixx - iyy) + 4.0 * ixy * ixy).sqrt());
     let theta = if ixx.abs() > iyy.abs() {
-        libm::atan2(smaller - ixx, ixy)
+        precise::atan2(smaller - ixx, ixy)
     } else {
-        libm::atan2(ixy, smaller - iyy)
+        precise::atan2(ixy, smaller - iyy)
     };
     if angle_distance(theta, region_angle) > tolerance {
         Some(theta + PI)

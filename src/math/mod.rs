@@ -5,6 +5,7 @@
 
 pub mod elementary;
 pub mod poly;
+pub mod precise;
 mod rng;
 pub mod stats;
 

@@ -2,4 +2,5 @@
 
 #[cfg(feature = "webgpu")]
 mod gpu;
+mod lsd_golden;
 mod nn;

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use landline::nn::gpu::{AdapterChoice, GpuDevice, GpuError, GpuNetwork, Pipelines};
+use landline::nn::gpu::{AdapterChoice, GpuDevice, GpuError, GpuNetwork, Pipelines, self_test};
 use landline_testkit::{NnCase, nn_cases, skip_without_gpu};
 
 /// A device, software or not; without any the test is skipped with the reason.
@@ -102,4 +102,11 @@ fn weights_that_do_not_fit_are_refused() {
         landline::nn::Weights::new(),
     );
     assert!(matches!(made, Err(GpuError::Network(_))));
+}
+
+#[test]
+fn the_self_test_passes_here() {
+    let Some(gpu) = device() else { return };
+    let mut pipelines = Pipelines::new(&gpu);
+    pollster::block_on(self_test(&gpu, &mut pipelines, None)).expect("a conformant driver");
 }

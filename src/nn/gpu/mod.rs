@@ -15,9 +15,11 @@ mod fuse;
 mod lower;
 mod pipelines;
 mod readback;
+mod self_test;
 
 pub use device::{AdapterChoice, GpuDevice};
 pub use error::GpuError;
 pub use executor::{GpuCost, GpuNetwork};
 pub use pipelines::Pipelines;
 pub use readback::{MAP_DEADLINE_MS, Timer};
+pub use self_test::self_test;

@@ -2,6 +2,9 @@
 
 pub mod cmd;
 pub mod dataset;
+pub mod feature_cache;
 pub mod files;
 pub mod labels;
 pub mod picture;
+pub mod progress;
+pub mod tracks;

@@ -1,9 +1,9 @@
 //! Native tool of landline. This file is only the table of commands: each is one file in `cmd`, with its `Args` and
 //! `run`.
 
-use anyhow::Result;
 use clap::{Parser, Subcommand};
 use landline_mapper::cmd;
+use std::process::ExitCode;
 
 /// Teaches a place, evaluates scenes, locates pictures, converts models.
 #[derive(Debug, Parser)]
@@ -17,10 +17,19 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Data(cmd::data::Args),
+    Labels(cmd::labels::Args),
 }
 
-fn main() -> Result<()> {
-    match Cli::parse().command {
+fn main() -> ExitCode {
+    let outcome = match Cli::parse().command {
         Command::Data(args) => cmd::data::run(args),
+        Command::Labels(args) => cmd::labels::run(args),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
     }
 }

@@ -1,3 +1,4 @@
 //! The commands of the tool, one file each: `Args` for clap and `run`. Keep alphabetical.
 
 pub mod data;
+pub mod labels;

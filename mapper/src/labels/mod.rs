@@ -4,8 +4,10 @@
 //! vectors). World coordinates are those of the data set. A segment's target may run against the segment's direction:
 //! [`SegmentTarget::reversed`] says so, and [`Labels::segment_target_ends`] returns the ends in the segment's order.
 
+mod build;
 mod file;
 
+pub use build::{LabelError, LabelParams, LabelStats, build};
 pub use file::LabelFileError;
 
 use landline::geometry::{CamFromWorld, Camera, Pixel, Segment2};

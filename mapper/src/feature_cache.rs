@@ -1,0 +1,302 @@
+//! Features of pictures on disk: extracted once, resumable picture by picture.
+//!
+//! One safetensors file a picture. Its header names what made it; a file of another extractor, another configuration or
+//! another version of the picture is not used and made again.
+
+use crate::files;
+use half::f16;
+use landline::geometry::{Pixel, Segment2};
+use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+const FORMAT: &str = "landline features 1";
+
+/// Features of one picture in corner-based pixels of the picture as read.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ImageFeatures {
+    /// Keypoints, ordered by (y, x).
+    pub pixels: Vec<Pixel>,
+    /// Detector scores.
+    pub scores: Vec<f32>,
+    /// Numbers in a descriptor.
+    pub descriptor_len: usize,
+    /// One row a keypoint.
+    pub descriptors_nd: Vec<f32>,
+    /// Detected segments.
+    pub segments: Vec<Segment2>,
+    /// `samples_per_segment` rows a segment, start to end.
+    pub segment_descriptors_nsd: Vec<f32>,
+}
+
+impl ImageFeatures {
+    /// Samples along one segment; 0 without segments.
+    pub fn samples_per_segment(&self) -> usize {
+        self.segment_descriptors_nsd
+            .len()
+            .checked_div(self.segments.len() * self.descriptor_len)
+            .unwrap_or(0)
+    }
+}
+
+/// Why features could not be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum FeatureCacheError {
+    /// The operating system refused.
+    #[error("feature cache: {0}")]
+    Io(#[from] std::io::Error),
+    /// The file is damaged.
+    #[error("feature cache file {path}: {what}; delete it to have it made again")]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What disagrees.
+        what: String,
+    },
+}
+
+/// A folder of feature files.
+#[derive(Debug, Clone)]
+pub struct FeatureCache {
+    folder: PathBuf,
+    maker: String,
+}
+
+impl FeatureCache {
+    /// A cache in `folder` for features made by `maker`: the extractor's identity and every setting that matters.
+    pub fn new(folder: impl Into<PathBuf>, maker: impl Into<String>) -> Self {
+        Self {
+            folder: folder.into(),
+            maker: maker.into(),
+        }
+    }
+
+    /// Identity of what makes the features.
+    pub fn maker(&self) -> &str {
+        &self.maker
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        // Folders in a name stay folders, steps upwards do not leave the cache.
+        let safe: PathBuf = name
+            .split(['/', '\\'])
+            .filter(|part| !part.is_empty() && *part != "." && *part != "..")
+            .collect();
+        let mut file = safe.into_os_string();
+        file.push(".features");
+        self.folder.join(file)
+    }
+
+    /// Features of a picture; `None` when they have to be made.
+    ///
+    /// # Errors
+    /// When the file is there but damaged or unreadable.
+    pub fn read(&self, name: &str) -> Result<Option<ImageFeatures>, FeatureCacheError> {
+        let path = self.path(name);
+        let bytes = match std::fs::read(&path) {
+            Ok(bytes) => bytes,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(e) => return Err(e.into()),
+        };
+        decode(&bytes, &self.maker).map_err(|what| FeatureCacheError::Damaged { path, what })
+    }
+
+    /// Stores the features of a picture; the file appears whole or not at all.
+    ///
+    /// # Errors
+    /// When the disk refuses.
+    pub fn write(&self, name: &str, features: &ImageFeatures) -> Result<(), FeatureCacheError> {
+        let path = self.path(name);
+        let damaged = |what: String| FeatureCacheError::Damaged {
+            path: path.clone(),
+            what,
+        };
+        let bytes = encode(features, &self.maker).map_err(|e| damaged(e.to_string()))?;
+        Ok(files::write_bytes(&path, &bytes)?)
+    }
+
+    /// Where the files lie.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+}
+
+fn encode(features: &ImageFeatures, maker: &str) -> Result<Vec<u8>, safetensors::SafeTensorError> {
+    let (n, m, d) = (
+        features.pixels.len(),
+        features.segments.len(),
+        features.descriptor_len,
+    );
+    let keypoints: Vec<u8> = features
+        .pixels
+        .iter()
+        .zip(&features.scores)
+        .flat_map(|(p, s)| [p.x as f32, p.y as f32, *s])
+        .flat_map(f32::to_le_bytes)
+        .collect();
+    let halves = |values: &[f32]| -> Vec<u8> {
+        values
+            .iter()
+            .flat_map(|v| f16::from_f32(*v).to_le_bytes())
+            .collect()
+    };
+    let descriptors = halves(&features.descriptors_nd);
+    let segment_descriptors = halves(&features.segment_descriptors_nsd);
+    let segments: Vec<u8> = features
+        .segments
+        .iter()
+        .flat_map(|s| {
+            [
+                s.start.x,
+                s.start.y,
+                s.end.x,
+                s.end.y,
+                s.width_px,
+                s.precision,
+                s.neg_log10_nfa,
+            ]
+        })
+        .flat_map(f64::to_le_bytes)
+        .collect();
+    let rows = m * features.samples_per_segment();
+    let tensors = [
+        (
+            "keypoints",
+            TensorView::new(Dtype::F32, vec![n, 3], &keypoints)?,
+        ),
+        (
+            "descriptors",
+            TensorView::new(Dtype::F16, vec![n, d], &descriptors)?,
+        ),
+        (
+            "segments",
+            TensorView::new(Dtype::F64, vec![m, 7], &segments)?,
+        ),
+        (
+            "segment_descriptors",
+            TensorView::new(Dtype::F16, vec![rows, d], &segment_descriptors)?,
+        ),
+    ];
+    let metadata = HashMap::from([
+        ("format".to_owned(), FORMAT.to_owned()),
+        ("extractor".to_owned(), maker.to_owned()),
+    ]);
+    serialize(tensors, Some(metadata))
+}
+
+fn decode(bytes: &[u8], maker: &str) -> Result<Option<ImageFeatures>, String> {
+    let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| e.to_string())?;
+    let entries = metadata.metadata().clone().unwrap_or_default();
+    let is = |key: &str, value: &str| entries.get(key).is_some_and(|v| v == value);
+    if !is("format", FORMAT) || !is("extractor", maker) {
+        return Ok(None);
+    }
+    let file = SafeTensors::deserialize(bytes).map_err(|e| e.to_string())?;
+    let data = |name: &str, dtype: Dtype| {
+        let tensor = file.tensor(name).map_err(|e| e.to_string())?;
+        if tensor.dtype() != dtype {
+            return Err(format!(
+                "`{name}` is {:?}, expected {dtype:?}",
+                tensor.dtype()
+            ));
+        }
+        Ok((tensor.data(), tensor.shape().to_vec()))
+    };
+    let halves = |bytes: &[u8]| -> Vec<f32> {
+        bytes
+            .as_chunks::<2>()
+            .0
+            .iter()
+            .map(|b| f16::from_le_bytes(*b).to_f32())
+            .collect()
+    };
+    let (keypoints, _) = data("keypoints", Dtype::F32)?;
+    let (descriptors, shape) = data("descriptors", Dtype::F16)?;
+    let (segments, _) = data("segments", Dtype::F64)?;
+    let (segment_descriptors, _) = data("segment_descriptors", Dtype::F16)?;
+    let keypoints: Vec<f32> = keypoints
+        .as_chunks::<4>()
+        .0
+        .iter()
+        .map(|b| f32::from_le_bytes(*b))
+        .collect();
+    let (triples, _) = keypoints.as_chunks::<3>();
+    let segments: Vec<f64> = segments
+        .as_chunks::<8>()
+        .0
+        .iter()
+        .map(|b| f64::from_le_bytes(*b))
+        .collect();
+    let features = ImageFeatures {
+        pixels: triples
+            .iter()
+            .map(|[x, y, _]| Pixel::new(f64::from(*x), f64::from(*y)))
+            .collect(),
+        scores: triples.iter().map(|[_, _, s]| *s).collect(),
+        descriptor_len: shape.last().copied().unwrap_or(0),
+        descriptors_nd: halves(descriptors),
+        segments: segments
+            .as_chunks::<7>()
+            .0
+            .iter()
+            .map(
+                |&[x1, y1, x2, y2, width_px, precision, neg_log10_nfa]| Segment2 {
+                    start: Pixel::new(x1, y1),
+                    end: Pixel::new(x2, y2),
+                    width_px,
+                    precision,
+                    neg_log10_nfa,
+                },
+            )
+            .collect(),
+        segment_descriptors_nsd: halves(segment_descriptors),
+    };
+    let (n, d) = (features.pixels.len(), features.descriptor_len);
+    let rows = features.segments.len() * features.samples_per_segment();
+    if features.descriptors_nd.len() != n * d || features.segment_descriptors_nsd.len() != rows * d
+    {
+        return Err(format!(
+            "{n} keypoints and {} segments do not fit {} and {} descriptor values of length {d}",
+            features.segments.len(),
+            features.descriptors_nd.len(),
+            features.segment_descriptors_nsd.len()
+        ));
+    }
+    Ok(Some(features))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn features_survive_the_disk_and_others_are_made_again() {
+        let folder = std::env::temp_dir().join(format!("landline-cache-{}", std::process::id()));
+        let cache = FeatureCache::new(&folder, "a");
+        let features = ImageFeatures {
+            pixels: vec![Pixel::new(0.5, 1.25), Pixel::new(3.0, 2.0)],
+            scores: vec![0.5, 0.25],
+            descriptor_len: 2,
+            descriptors_nd: vec![1.0, 0.0, 0.0, -1.0],
+            segments: vec![Segment2 {
+                start: Pixel::new(1.0, 2.0),
+                end: Pixel::new(30.0, 4.0),
+                width_px: 2.0,
+                precision: 0.125,
+                neg_log10_nfa: 7.5,
+            }],
+            segment_descriptors_nsd: vec![0.5; 24],
+        };
+        assert_eq!(cache.read("seq/a.png").expect("absent is no error"), None);
+        cache.write("../seq/a.png", &features).expect("writable");
+        assert_eq!(cache.read("seq/a.png").expect("readable"), Some(features));
+        let other = FeatureCache::new(&folder, "b");
+        assert_eq!(other.read("seq/a.png").expect("readable"), None);
+        std::fs::write(cache.path("seq/a.png"), b"cut").expect("writable");
+        assert!(matches!(
+            cache.read("seq/a.png"),
+            Err(FeatureCacheError::Damaged { .. })
+        ));
+        std::fs::remove_dir_all(&folder).expect("exists");
+    }
+}

@@ -1,0 +1,266 @@
+//! Labels without outside tools: from pictures with poses and features to tracks and targets.
+
+use super::{LabelledImage, Labels, LineTrack, Observation, PointTrack, SegmentTarget};
+use crate::dataset::DatasetImage;
+use crate::feature_cache::ImageFeatures;
+use crate::progress::Progress;
+use crate::tracks::{
+    Bundle, LineParams, MatchParams, PairParams, PointParams, View, build_line_tracks,
+    build_point_tracks, choose_pairs, line_pairs, line_residuals, match_pairs, mean_descriptor,
+    mean_segment_descriptor, probe_depth,
+};
+use landline::geometry::CamFromWorld;
+
+/// Every setting of the stage.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct LabelParams {
+    /// Which pictures are matched.
+    pub pairs: PairParams,
+    /// What counts as a match.
+    pub matches: MatchParams,
+    /// What makes a point track.
+    pub points: PointParams,
+    /// What makes a line track.
+    pub lines: LineParams,
+}
+
+/// Why labels could not be made.
+#[derive(Debug, thiserror::Error)]
+pub enum LabelError {
+    /// Fewer than two posed pictures.
+    #[error(
+        "labels need at least two training pictures with poses, there are {0}; one picture shows no depth"
+    )]
+    TooFewPictures(usize),
+    /// Nothing can be triangulated.
+    #[error(
+        "no two training pictures see the same things from different places: of {num_pictures} pictures, {what}. \
+         Check that the poses belong to these pictures and that the camera moved"
+    )]
+    NoOverlap {
+        /// Training pictures.
+        num_pictures: usize,
+        /// How far it came.
+        what: String,
+    },
+}
+
+/// What happened, for the report.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct LabelStats {
+    /// Typical distance of what the pictures see.
+    pub depth: f64,
+    /// Pairs that were matched.
+    pub num_pairs: usize,
+    /// Matches that agree with the poses.
+    pub num_matches: usize,
+    /// Point tracks.
+    pub num_points: usize,
+    /// Mean number of observations a point track.
+    pub mean_track_length: f64,
+    /// Mean number of keypoints with a target in a picture.
+    pub labelled_keypoints: f64,
+    /// Mean number of keypoints in a picture.
+    pub keypoints: f64,
+    /// Mean reprojection error over all observations.
+    pub mean_error_px: f64,
+    /// Line tracks.
+    pub num_lines: usize,
+    /// Mean number of segments with a target in a picture.
+    pub labelled_segments: f64,
+    /// Mean number of segments in a picture.
+    pub segments: f64,
+    /// Mean distance of observed ends to the projected line, over all observations.
+    pub mean_line_error_px: f64,
+}
+
+/// Builds labels for posed pictures; `features` in the same order.
+///
+/// # Errors
+/// With fewer than two pictures, or when nothing can be triangulated.
+pub fn build(
+    images: &[&DatasetImage],
+    features: Vec<ImageFeatures>,
+    extractor: &str,
+    params: &LabelParams,
+    progress: &Progress,
+) -> Result<(Labels, LabelStats), LabelError> {
+    let posed: Vec<(&DatasetImage, CamFromWorld, ImageFeatures)> = images
+        .iter()
+        .zip(features)
+        .filter_map(|(image, f)| image.cam_from_world.map(|pose| (*image, pose, f)))
+        .collect();
+    if posed.len() < 2 {
+        return Err(LabelError::TooFewPictures(posed.len()));
+    }
+    let views: Vec<View> = posed
+        .iter()
+        .map(|(image, pose, f)| View::new(image.camera, *pose, f))
+        .collect();
+    let no_overlap = |what: String| LabelError::NoOverlap {
+        num_pictures: views.len(),
+        what,
+    };
+    let depth = probe_depth(&views, 60, &params.matches).ok_or_else(|| {
+        no_overlap(
+            "neighbouring ones have fewer than 20 matches that agree with the poses".to_owned(),
+        )
+    })?;
+    let pairs = choose_pairs(&views, depth, &params.pairs);
+    if pairs.is_empty() {
+        return Err(no_overlap(format!(
+            "none share {:.0} % of their view at the typical depth {depth:.2}",
+            100.0 * params.pairs.min_overlap
+        )));
+    }
+    let bar = progress.bar("matching", pairs.len());
+    let matches = match_pairs(&views, &pairs, &params.matches, &|| bar.inc(1));
+    bar.finish();
+    let spinner = progress.spinner("triangulating points");
+    let tracks = build_point_tracks(&views, &matches, &params.points);
+    spinner.finish();
+    if tracks.is_empty() {
+        return Err(no_overlap(format!(
+            "{} matches of {} pairs give no point",
+            matches.len(),
+            pairs.len()
+        )));
+    }
+
+    let bundle = Bundle { views: &views };
+    let mut stats = LabelStats {
+        depth,
+        num_pairs: pairs.len(),
+        num_matches: matches.len(),
+        num_points: tracks.len(),
+        ..LabelStats::default()
+    };
+    let mut point_targets: Vec<Vec<Option<u32>>> =
+        views.iter().map(|v| vec![None; v.planar.len()]).collect();
+    let mut points = Vec::with_capacity(tracks.len());
+    let mut num_observations = 0usize;
+    let mut error_sum = 0.0;
+    for (t, track) in tracks.iter().enumerate() {
+        let mut sum = 0.0;
+        for &(view, keypoint) in &track.observations {
+            point_targets[view as usize][keypoint as usize] = Some(t as u32);
+            sum += bundle.error_px((view, keypoint), &track.point_in_world);
+        }
+        num_observations += track.observations.len();
+        error_sum += sum;
+        points.push(PointTrack {
+            point_in_world: track.point_in_world,
+            observations: track
+                .observations
+                .iter()
+                .map(|&(image, feature)| Observation { image, feature })
+                .collect(),
+            descriptor: mean_descriptor(&views, &track.observations)
+                .as_slice()
+                .to_vec(),
+            mean_error_px: (sum / track.observations.len() as f64) as f32,
+        });
+    }
+    stats.mean_track_length = num_observations as f64 / tracks.len() as f64;
+    stats.mean_error_px = error_sum / num_observations as f64;
+    stats.labelled_keypoints = num_observations as f64 / views.len() as f64;
+    stats.keypoints =
+        views.iter().map(|v| v.planar.len()).sum::<usize>() as f64 / views.len() as f64;
+
+    let chosen = line_pairs(&views, &pairs, params.lines.partners);
+    let bar = progress.bar("matching segments", chosen.len());
+    let line_tracks = build_line_tracks(&views, &chosen, depth, &params.lines, &|| bar.inc(1));
+    bar.finish();
+    let mut segment_targets: Vec<Vec<Option<SegmentTarget>>> = views
+        .iter()
+        .map(|v| vec![None; v.segment_ends.len()])
+        .collect();
+    let mut lines = Vec::with_capacity(line_tracks.len());
+    let mut num_seen = 0usize;
+    let mut line_error_sum = 0.0;
+    for (t, track) in line_tracks.iter().enumerate() {
+        let (error, reversed) = line_residuals(&views, track);
+        for (&(view, segment), reversed) in track.observations.iter().zip(reversed) {
+            segment_targets[view as usize][segment as usize] = Some(SegmentTarget {
+                track: t as u32,
+                reversed,
+            });
+        }
+        num_seen += track.observations.len();
+        line_error_sum += error * track.observations.len() as f64;
+        lines.push(LineTrack {
+            start_in_world: track.start_in_world,
+            end_in_world: track.end_in_world,
+            observations: track
+                .observations
+                .iter()
+                .map(|&(image, feature)| Observation { image, feature })
+                .collect(),
+            descriptor: mean_segment_descriptor(&views, &track.observations)
+                .as_slice()
+                .to_vec(),
+            mean_error_px: error as f32,
+        });
+    }
+    stats.num_lines = lines.len();
+    stats.labelled_segments = num_seen as f64 / views.len() as f64;
+    stats.segments =
+        views.iter().map(|v| v.segment_ends.len()).sum::<usize>() as f64 / views.len() as f64;
+    stats.mean_line_error_px = line_error_sum / num_seen.max(1) as f64;
+
+    let mut labels = Labels {
+        lines,
+        extractor: extractor.to_owned(),
+        points,
+        ..Labels::default()
+    };
+    for ((image, cam_from_world, f), (point_targets, segment_targets)) in posed
+        .into_iter()
+        .zip(point_targets.into_iter().zip(segment_targets))
+    {
+        labels.descriptor_len = f.descriptor_len;
+        labels.samples_per_segment = labels.samples_per_segment.max(f.samples_per_segment());
+        labels.images.push(LabelledImage {
+            name: image.name.clone(),
+            camera: image.camera,
+            cam_from_world,
+            pixels: f.pixels,
+            scores: f.scores,
+            descriptors_nd: f.descriptors_nd,
+            point_targets,
+            segments: f.segments,
+            segment_descriptors_nsd: f.segment_descriptors_nsd,
+            segment_targets,
+        });
+    }
+    Ok((labels, stats))
+}
+
+impl std::fmt::Display for LabelStats {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        writeln!(f, "Labels")?;
+        writeln!(f, "  typical depth      {:.2}", self.depth)?;
+        writeln!(f, "  pairs              {}", self.num_pairs)?;
+        writeln!(f, "  matches            {}", self.num_matches)?;
+        writeln!(
+            f,
+            "  3D points          {}, seen {:.1} times, {:.2} px mean error",
+            self.num_points, self.mean_track_length, self.mean_error_px
+        )?;
+        writeln!(
+            f,
+            "  keypoints          {:.0} of {:.0} labelled in a picture",
+            self.labelled_keypoints, self.keypoints
+        )?;
+        writeln!(
+            f,
+            "  3D lines           {}, {:.2} px mean error",
+            self.num_lines, self.mean_line_error_px
+        )?;
+        writeln!(
+            f,
+            "  segments           {:.0} of {:.0} labelled in a picture",
+            self.labelled_segments, self.segments
+        )
+    }
+}

@@ -1,0 +1,173 @@
+//! One point from several rays: midpoint of two, Gauss-Newton on the reprojection error of many.
+
+use super::View;
+use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
+
+/// A half line in the world.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ray {
+    /// The camera's position.
+    pub origin: Vector3<f64>,
+    /// Of unit length.
+    pub direction: Vector3<f64>,
+}
+
+impl Ray {
+    /// Angle between two rays in radians.
+    pub fn angle_to(&self, other: &Self) -> f64 {
+        let cross = self.direction.cross(&other.direction).norm();
+        cross.atan2(self.direction.dot(&other.direction))
+    }
+
+    /// The point halfway between the closest points of two rays; `None` when they are parallel or meet behind.
+    pub fn midpoint(&self, other: &Self) -> Option<Vector3<f64>> {
+        let between = other.origin - self.origin;
+        let cos = self.direction.dot(&other.direction);
+        let det = 1.0 - cos * cos;
+        if !(det > 1e-12) {
+            return None;
+        }
+        let a = between.dot(&self.direction);
+        let b = between.dot(&other.direction);
+        let s = (a - b * cos) / det;
+        let t = (a * cos - b) / det;
+        (s > 0.0 && t > 0.0)
+            .then(|| 0.5 * (self.origin + s * self.direction + other.origin + t * other.direction))
+    }
+}
+
+/// Keypoints of several views that are to see one point.
+pub struct Bundle<'a> {
+    /// All views.
+    pub views: &'a [View],
+}
+
+impl Bundle<'_> {
+    /// Distance in pixels; infinite for an observation that does not exist.
+    pub fn error_px(&self, (view, keypoint): (u32, u32), point: &Vector3<f64>) -> f64 {
+        self.views
+            .get(view as usize)
+            .map_or(f64::INFINITY, |v| v.error_px(keypoint as usize, point))
+    }
+
+    /// Moves a point to the least sum of Huber losses of the reprojection errors.
+    pub fn refine(
+        &self,
+        observations: &[(u32, u32)],
+        start: Vector3<f64>,
+        huber_px: f64,
+    ) -> Vector3<f64> {
+        let mut point = start;
+        let mut lambda = 1e-6;
+        let mut cost = self.cost(observations, &point, huber_px);
+        for _ in 0..10 {
+            let mut hessian = Matrix3::zeros();
+            let mut gradient = Vector3::zeros();
+            for &(view, keypoint) in observations {
+                let Some((residual, jacobian)) = self.residual(view, keypoint, &point) else {
+                    continue;
+                };
+                let norm = residual.norm();
+                let weight = if norm > huber_px {
+                    huber_px / norm
+                } else {
+                    1.0
+                };
+                hessian += weight * jacobian.transpose() * jacobian;
+                gradient += weight * jacobian.transpose() * residual;
+            }
+            let mut damped = hessian;
+            for i in 0..3 {
+                damped[(i, i)] *= 1.0 + lambda;
+            }
+            let Some(step) = damped.cholesky().map(|c| c.solve(&gradient)) else {
+                break;
+            };
+            let moved = point - step;
+            let moved_cost = self.cost(observations, &moved, huber_px);
+            if moved_cost < cost {
+                let is_done = cost - moved_cost < 1e-9 * cost;
+                point = moved;
+                cost = moved_cost;
+                lambda *= 0.1;
+                if is_done {
+                    break;
+                }
+            } else {
+                lambda = lambda.max(1e-9) * 100.0;
+                if lambda > 1e6 {
+                    break;
+                }
+            }
+        }
+        point
+    }
+
+    fn residual(
+        &self,
+        view: u32,
+        keypoint: u32,
+        point: &Vector3<f64>,
+    ) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
+        let view = self.views.get(view as usize)?;
+        let seen = view.planar.get(keypoint as usize)?;
+        let p = view.cam_from_world.transform_point(point);
+        if !(p.z > 1e-6) || seen.x.is_nan() {
+            return None;
+        }
+        let projected = Vector2::new(p.x / p.z, p.y / p.z);
+        let f = view.focal_px;
+        let by_cam = Matrix2x3::new(
+            f / p.z,
+            0.0,
+            -f * projected.x / p.z,
+            0.0,
+            f / p.z,
+            -f * projected.y / p.z,
+        );
+        Some((
+            (projected - seen) * f,
+            by_cam * view.cam_from_world.rotation,
+        ))
+    }
+
+    fn cost(&self, observations: &[(u32, u32)], point: &Vector3<f64>, huber_px: f64) -> f64 {
+        observations
+            .iter()
+            .map(|o| {
+                let error = self.error_px(*o, point).min(1e6);
+                if error > huber_px {
+                    huber_px * (2.0 * error - huber_px)
+                } else {
+                    error * error
+                }
+            })
+            .sum()
+    }
+
+    /// Largest angle between the rays of the observations, in radians.
+    pub fn largest_angle(&self, observations: &[(u32, u32)], point: &Vector3<f64>) -> f64 {
+        let directions: Vec<Vector3<f64>> = observations
+            .iter()
+            .filter_map(|(view, _)| {
+                (self.views.get(*view as usize)?.center_in_world - point).try_normalize(0.0)
+            })
+            .collect();
+        // The widest angle to the first direction, then from that one: exact for views along a path, at worst half
+        // of the true angle.
+        let Some(first) = directions.first() else {
+            return 0.0;
+        };
+        let farthest = |from: &Vector3<f64>| {
+            directions
+                .iter()
+                .map(|d| (from.cross(d).norm().atan2(from.dot(d)), *d))
+                .fold(
+                    (0.0, *from),
+                    |best, next| if next.0 > best.0 { next } else { best },
+                )
+        };
+        let (_, edge) = farthest(first);
+        farthest(&edge).0
+    }
+}

@@ -1,11 +1,33 @@
-//! Camera pose from 2D-3D points and lines.
+//! Camera pose from 2D-3D points and lines, most of which may be wrong.
+//!
+//! In: [`PointCorrespondence`]s and [`LineCorrespondence`]s with the network's confidence, a [`Camera`]. Out: a
+//! [`PoseOutcome`]: the pose `cam_from_world` with covariance, or the reason why there is none.
+//! Spaces and units: pixels of the sensor image, corner-based, the same for points, line ends and principal point; world units
+//! as given (nothing depends on their size).
+//! Algorithm: `docs/benchmarks/pose.md` says how well it does; [`solvers`] the minimal problems, `sampler` the
+//! confidence-weighted sampling, `scoring` the truncated likelihood, `ransac` the search with local optimisation and stopping
+//! rule, `refine` the heavy-tailed refinement, `covariance` what is known in the end.
+//! Invariants: deterministic by seed (the same bits on every target when no time budget is set); never a pose that is not
+//! finite; bad correspondences are dropped and counted.
+//! Cost: linear in correspondences times iterations; no allocation once the scratch has seen a problem of the size.
 
+mod covariance;
+mod kernels;
 mod options;
+mod problem;
+pub mod problem_file;
+mod ransac;
+mod refine;
+mod residuals;
+mod sampler;
+mod scoring;
 pub mod solvers;
 mod types;
+mod verdict;
 
 pub use options::{Focal, Gravity, PoseOptions, PriorPose};
 pub use types::{
     Degeneracy, LineCorrespondence, PointCorrespondence, PoseError, PoseEstimate, PoseOutcome,
     PoseStats, PoseStatus, RunnerUp, SolverStats, StopReason,
 };
+pub use verdict::{Inliers, PoseScratch, estimate};

@@ -106,6 +106,13 @@ impl Solutions {
         self.len = 0;
     }
 
+    /// Replaces every pose.
+    pub fn map(&mut self, f: impl Fn(&CamFromWorld) -> CamFromWorld) {
+        for pose in &mut self.poses[..self.len] {
+            *pose = f(pose);
+        }
+    }
+
     /// Adds a pose unless it is not finite or the list is full.
     fn push(&mut self, rotation: Matrix3<f64>, translation: Vector3<f64>) {
         let sum = rotation.sum() + translation.sum();

@@ -1,0 +1,352 @@
+//! The whole estimate: search, final refinement of the best distinct models, and the judgement of what came out.
+
+use super::covariance::{self, Uncertainty};
+use super::options::{Focal, PoseOptions};
+use super::problem::{Model, Problem};
+use super::ransac::{Kept, NUM_KEPT, Search};
+use super::refine::{Kind, Refined, Soft};
+use super::residuals;
+use super::types::{
+    LineCorrespondence, PointCorrespondence, PoseError, PoseEstimate, PoseOutcome, PoseStats,
+    PoseStatus, RunnerUp, StopReason,
+};
+use crate::geometry::Camera;
+use crate::math::elementary::ln;
+
+/// Rounds of the final refinement (each re-estimates the noise).
+const REFINE_ROUNDS: usize = 4;
+
+/// Kept models whose ranking falls below this share of the best are not worth a final refinement.
+const FINALIST_SHARE: f32 = 0.5;
+
+/// A runner-up with more than this share of the best model's log likelihood ratio makes the answer ambiguous.
+const AMBIGUOUS_RATIO: f64 = 0.9;
+
+/// Spread of ln f around 1.2 times the larger image side for a camera of which nothing is known.
+const UNKNOWN_FOCAL_SIGMA_LN: f64 = 1.0;
+
+/// Correspondences within the thresholds at the returned pose, as indices of the caller's lists in ascending order.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Inliers {
+    /// Of the points.
+    pub points: Vec<u32>,
+    /// Of the lines.
+    pub lines: Vec<u32>,
+}
+
+/// Buffers of the estimator, and what the last call says about each correspondence.
+#[derive(Debug, Default)]
+pub struct PoseScratch {
+    problem: Problem,
+    search: Search,
+    finalists: Vec<Refined>,
+    inliers: Inliers,
+    point_posteriors: Vec<f32>,
+    line_posteriors: Vec<f32>,
+    point_errors_px: Vec<f32>,
+    line_errors_px: Vec<[f32; 2]>,
+}
+
+impl PoseScratch {
+    /// Empty buffers; they grow with the first problem.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Inliers of the last estimate; empty when there was none.
+    pub fn inliers(&self) -> &Inliers {
+        &self.inliers
+    }
+
+    /// Posterior inlier probabilities of the points, in the caller's order; 0 for dropped ones.
+    pub fn point_posteriors(&self) -> &[f32] {
+        &self.point_posteriors
+    }
+
+    /// Posterior inlier probabilities of the lines, in the caller's order; 0 for dropped ones.
+    pub fn line_posteriors(&self) -> &[f32] {
+        &self.line_posteriors
+    }
+
+    /// Reprojection errors of the points in pixels; infinite for those behind the camera and dropped ones.
+    pub fn point_errors_px(&self) -> &[f32] {
+        &self.point_errors_px
+    }
+
+    /// Distances in pixels of the observed ends to the projected lines; infinite for those behind the camera and dropped ones.
+    pub fn line_errors_px(&self) -> &[[f32; 2]] {
+        &self.line_errors_px
+    }
+
+    fn clear_reports(&mut self, num_points: usize, num_lines: usize) {
+        self.inliers.points.clear();
+        self.inliers.lines.clear();
+        self.point_posteriors.clear();
+        self.point_posteriors.resize(num_points, 0.0);
+        self.line_posteriors.clear();
+        self.line_posteriors.resize(num_lines, 0.0);
+        self.point_errors_px.clear();
+        self.point_errors_px.resize(num_points, f32::INFINITY);
+        self.line_errors_px.clear();
+        self.line_errors_px.resize(num_lines, [f32::INFINITY; 2]);
+    }
+}
+
+/// Estimates the pose of a camera.
+///
+/// `clock` returns milliseconds from any origin; it is called only when the options set a time budget.
+/// That no pose was found is a [`PoseStatus`] in the outcome, not an error.
+///
+/// # Errors
+/// When the camera cannot project or an option has no meaning.
+pub fn estimate(
+    points: &[PointCorrespondence],
+    lines: &[LineCorrespondence],
+    camera: &Camera,
+    options: &PoseOptions,
+    scratch: &mut PoseScratch,
+    clock: &mut dyn FnMut() -> f64,
+) -> Result<PoseOutcome, PoseError> {
+    camera.validate()?;
+    options.validate()?;
+    let limit = u32::MAX as usize;
+    let count = points.len().max(lines.len());
+    if count > limit {
+        return Err(PoseError::TooMany { count, limit });
+    }
+    let deadline = options.time_budget_ms.map(|budget| clock() + budget);
+    let mut out_of_time = || deadline.is_some_and(|end| clock() >= end);
+    scratch.clear_reports(points.len(), lines.len());
+
+    let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+    let max_side = width.max(height);
+    let has_focal = options.focal != Focal::Known;
+    let camera = match options.focal {
+        // The search counts focal lengths in units of the larger side; the ratio of fx to fy stays the given one.
+        Focal::Unknown => {
+            let (fx, fy) = camera.focal_px();
+            camera.with_focal_scaled(max_side / (fx * fy).sqrt())
+        }
+        _ => *camera,
+    };
+    scratch.problem.load(points, lines, &camera, options);
+    let num_invalid = scratch.problem.num_invalid;
+    let num_outside_view = scratch.problem.num_outside_view;
+    let sample_size = match (options.focal, options.gravity.is_some()) {
+        (Focal::Unknown, _) => 4,
+        (_, false) => 3,
+        (_, true) => 2,
+    };
+    let mut outcome = PoseOutcome {
+        status: PoseStatus::TooFew,
+        degeneracy: None,
+        estimate: None,
+        stats: PoseStats {
+            num_invalid,
+            num_outside_view,
+            ..PoseStats::default()
+        },
+    };
+    if scratch.problem.len() < sample_size {
+        return Ok(outcome);
+    }
+    let soft = soft_terms(&scratch.problem, options);
+    let stats = scratch
+        .search
+        .run(&scratch.problem, options, &soft, &mut out_of_time);
+    outcome.stats = PoseStats {
+        num_invalid,
+        num_outside_view,
+        ..stats
+    };
+    refine_finalists(scratch, options, &soft, &mut out_of_time);
+    let Some(best) = scratch.finalists.first().copied() else {
+        outcome.status = match stats.stop {
+            StopReason::TimeBudget => PoseStatus::OutOfTime,
+            _ => PoseStatus::LowInliers,
+        };
+        return Ok(outcome);
+    };
+    judge(scratch, options, &camera, has_focal, &best, &mut outcome);
+    Ok(outcome)
+}
+
+fn soft_terms(problem: &Problem, options: &PoseOptions) -> Soft {
+    Soft {
+        gravity: options
+            .gravity
+            .map(|g| (g.in_cam.normalize(), g.in_world.normalize(), g.sigma_rad)),
+        prior: options.prior.and_then(|p| {
+            let mut information = p.covariance?.try_inverse()?;
+            // Translation in units of the scene scale.
+            for i in 0..6 {
+                for j in 0..6 {
+                    let unit = |k: usize| if k < 3 { 1.0 } else { problem.scale };
+                    information[(i, j)] *= unit(i) * unit(j);
+                }
+            }
+            Some((problem.model_from_pose(&p.cam_from_world, 1.0), information))
+        }),
+        sigma_ln_focal: match options.focal {
+            Focal::Known => None,
+            Focal::Refine { sigma_ln } => Some(sigma_ln),
+            Focal::Unknown => Some(UNKNOWN_FOCAL_SIGMA_LN),
+        },
+    }
+}
+
+/// Full refinement of the kept models that can still win; best first afterwards.
+fn refine_finalists(
+    scratch: &mut PoseScratch,
+    options: &PoseOptions,
+    soft: &Soft,
+    out_of_time: &mut dyn FnMut() -> bool,
+) {
+    let problem = &scratch.problem;
+    scratch.finalists.clear();
+    scratch.finalists.reserve(NUM_KEPT);
+    let kept: &[Kept] = &scratch.search.kept;
+    let Some(best) = kept.first().map(|k| k.ranking.total) else {
+        return;
+    };
+    for k in kept {
+        if k.ranking.total < FINALIST_SHARE * best
+            || (!scratch.finalists.is_empty() && out_of_time())
+        {
+            break;
+        }
+        let refined =
+            scratch
+                .search
+                .refiner
+                .full(problem, &k.model, options.sigma_px, soft, REFINE_ROUNDS);
+        if !refined.model.is_finite() || !refined.log_ratio.is_finite() {
+            continue;
+        }
+        // Two starts may end in the same optimum.
+        let same = scratch
+            .finalists
+            .iter()
+            .position(|f| !f.model.is_distinct_from(&refined.model));
+        match same {
+            Some(i) if scratch.finalists[i].log_ratio >= refined.log_ratio => {}
+            Some(i) => scratch.finalists[i] = refined,
+            None => scratch.finalists.push(refined),
+        }
+    }
+    scratch
+        .finalists
+        .sort_unstable_by(|a, b| b.log_ratio.total_cmp(&a.log_ratio));
+}
+
+/// Reports at the returned pose, then the status.
+fn judge(
+    scratch: &mut PoseScratch,
+    options: &PoseOptions,
+    camera: &Camera,
+    has_focal: bool,
+    best: &Refined,
+    outcome: &mut PoseOutcome,
+) {
+    let problem = &scratch.problem;
+    let limits = (options.max_point_error_px, options.max_line_error_px);
+    report_errors(
+        problem,
+        &best.model,
+        limits,
+        &mut scratch.inliers,
+        &mut scratch.point_errors_px,
+        &mut scratch.line_errors_px,
+    );
+    scratch.search.refiner.freeze_at(problem, best);
+    let (mut found, mut weight_sum) = (0.0, 0.0);
+    let (point_posteriors, line_posteriors) =
+        (&mut scratch.point_posteriors, &mut scratch.line_posteriors);
+    scratch
+        .search
+        .refiner
+        .posteriors(problem, &best.model, |kind, i, p, weight| {
+            match kind {
+                Kind::Point => point_posteriors[i as usize] = p as f32,
+                Kind::Line => line_posteriors[i as usize] = p as f32,
+            }
+            found += p;
+            weight_sum += p * weight;
+        });
+    let known: Uncertainty = covariance::uncertainty(problem, best, has_focal, limits);
+    // The sample that made the model fits itself: its evidence is not evidence.
+    let sample_size = if has_focal { 3.5 } else { 3.0 };
+    let mean_weight = if found > 0.0 { weight_sum / found } else { 0.0 };
+    let tried = f64::from(outcome.stats.models_scored.max(1));
+    let log_evidence = best.log_ratio - sample_size * mean_weight.max(0.0) - ln(tried);
+    let runner_up = scratch.finalists.get(1).map(|second| RunnerUp {
+        cam_from_world: problem.pose_from_model(&second.model),
+        score_ratio: second.log_ratio / best.log_ratio,
+    });
+    let focal_camera = if has_focal {
+        camera.with_focal_scaled(best.model.focal)
+    } else {
+        *camera
+    };
+    let (fx, fy) = focal_camera.focal_px();
+    outcome.estimate = Some(PoseEstimate {
+        cam_from_world: problem.pose_from_model(&best.model),
+        camera: focal_camera,
+        covariance: known.covariance,
+        sigma_rad: known.sigma_rad,
+        sigma_m: known.sigma_m,
+        sigma_focal_px: known.sigma_ln_focal * (fx * fy).sqrt(),
+        world_sigma_m: best.noise.world_sigma * problem.scale,
+        num_point_inliers: scratch.inliers.points.len() as u32,
+        num_line_inliers: scratch.inliers.lines.len() as u32,
+        score: best.log_ratio,
+        log_evidence,
+        runner_up,
+    });
+    let is_supported = log_evidence > 0.0;
+    outcome.degeneracy = known.degeneracy.filter(|_| is_supported);
+    outcome.status = if !is_supported {
+        match outcome.stats.stop {
+            StopReason::TimeBudget => PoseStatus::OutOfTime,
+            _ => PoseStatus::LowInliers,
+        }
+    } else if outcome.degeneracy.is_some() {
+        PoseStatus::Degenerate
+    } else if runner_up.is_some_and(|r| r.score_ratio > AMBIGUOUS_RATIO) {
+        PoseStatus::Ambiguous
+    } else {
+        PoseStatus::Ok
+    };
+}
+
+fn report_errors(
+    problem: &Problem,
+    model: &Model,
+    (max_point, max_line): (f64, f64),
+    inliers: &mut Inliers,
+    point_errors: &mut [f32],
+    line_errors: &mut [[f32; 2]],
+) {
+    let (fx, fy) = (problem.fx, problem.fy);
+    for item in &problem.points {
+        if let Some((r, ..)) = residuals::point(fx, fy, model, item) {
+            let error = r.squared().sqrt();
+            point_errors[item.source as usize] = error as f32;
+            if error < max_point {
+                inliers.points.push(item.source);
+            }
+        }
+    }
+    for item in &problem.lines {
+        if let Some((r, state)) = residuals::line(fx, fy, model, item) {
+            line_errors[item.source as usize] = r.r.map(|d| d.abs() as f32);
+            if r.r[0].abs() + r.r[1].abs() < max_line
+                && residuals::overlaps(fx, fy, item, &state, model.focal)
+            {
+                inliers.lines.push(item.source);
+            }
+        }
+    }
+    inliers.points.sort_unstable();
+    inliers.lines.sort_unstable();
+}

@@ -18,12 +18,14 @@ struct Cli {
 enum Command {
     Data(cmd::data::Args),
     Labels(cmd::labels::Args),
+    Pose(cmd::pose::Args),
 }
 
 fn main() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::Data(args) => cmd::data::run(args),
         Command::Labels(args) => cmd::labels::run(args),
+        Command::Pose(args) => cmd::pose::run(args),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

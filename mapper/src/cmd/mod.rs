@@ -2,3 +2,4 @@
 
 pub mod data;
 pub mod labels;
+pub mod pose;

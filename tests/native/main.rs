@@ -1,6 +1,9 @@
-//! Native tests that cross a module.
+//! Native tests that cross a module. Keep alphabetical.
 
+mod docs;
 #[cfg(feature = "webgpu")]
 mod gpu;
+mod layering;
 mod lsd_golden;
 mod nn;
+mod tree;

@@ -4,6 +4,7 @@ pub mod cmd;
 pub mod dataset;
 pub mod feature_cache;
 pub mod files;
+pub mod import;
 pub mod labels;
 pub mod picture;
 pub mod progress;

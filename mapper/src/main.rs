@@ -16,6 +16,7 @@ struct Cli {
 // Keep alphabetical; the first doc line of a command's `Args` is its help.
 #[derive(Debug, Subcommand)]
 enum Command {
+    Convert(cmd::convert::Args),
     Data(cmd::data::Args),
     Labels(cmd::labels::Args),
     Pose(cmd::pose::Args),
@@ -23,6 +24,7 @@ enum Command {
 
 fn main() -> ExitCode {
     let outcome = match Cli::parse().command {
+        Command::Convert(args) => cmd::convert::run(args),
         Command::Data(args) => cmd::data::run(args),
         Command::Labels(args) => cmd::labels::run(args),
         Command::Pose(args) => cmd::pose::run(args),

@@ -4,11 +4,13 @@
 
 mod camera;
 mod pixel;
+mod scene_scale;
 mod segment;
 mod spaces;
 
 pub use camera::{Camera, CameraError, CameraModel};
 pub use pixel::{Pixel, PixelMap, Sensor, Working, WorkingFromSensor};
+pub use scene_scale::SceneScale;
 pub use segment::{ScenePoint, SceneSegment, Segment2};
 pub use spaces::{
     Cam, CamFromWorld, Rigid, World, WorldFromCam, rotation_from_vector, vector_from_rotation,

@@ -1,41 +1,11 @@
 //! Metadata of a scene file.
 
 use super::{FORMAT_VERSION, KIND_KEY, SceneFileError, TensorFile};
-use crate::geometry::{Camera, CameraModel};
+use crate::geometry::{Camera, CameraModel, SceneScale};
 use crate::models::{ExtractorKind, Preset, RegressorConfig, Sampler};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-
-/// Undoes the normalisation of network coordinates: `world = centre + scale * network`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SceneScale {
-    /// World position of the network's origin.
-    pub centre: Vector3<f64>,
-    /// World length of one network unit; positive.
-    pub scale: f64,
-}
-
-impl Default for SceneScale {
-    fn default() -> Self {
-        Self {
-            centre: Vector3::zeros(),
-            scale: 1.0,
-        }
-    }
-}
-
-impl SceneScale {
-    /// A world point from network coordinates.
-    pub fn world_from_network(&self, p: Vector3<f64>) -> Vector3<f64> {
-        self.centre + self.scale * p
-    }
-
-    /// Network coordinates of a world point.
-    pub fn network_from_world(&self, p: Vector3<f64>) -> Vector3<f64> {
-        (p - self.centre) / self.scale
-    }
-}
 
 /// Unit of world lengths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

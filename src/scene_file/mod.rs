@@ -1,7 +1,7 @@
 //! Scene files (`NAME.landline`) and extractor files: safetensors with metadata; read, validated, written as bytes.
 //!
 //! * **In and out**: bytes of a file and a [`SceneFile`] or an [`ExtractorFile`], both ways. No file system.
-//! * **Spaces and units**: network coordinates are normalised; [`SceneScale`] in the header undoes that, outside the network
+//! * **Spaces and units**: network coordinates are normalised; [`crate::geometry::SceneScale`] in the header undoes that, outside the network
 //!   and in f64, because an f16 bias far from the origin would shift the whole map by centimetres.
 //! * **Format**: [safetensors]; the metadata keys are documented in `docs/SCENE_FILE.md` and in [`SceneInfo`].
 //! * **Invariants**: what is returned was checked: sizes bounded, every tensor of the configuration present with its shape,
@@ -21,7 +21,7 @@ mod tensor_file;
 
 pub use error::SceneFileError;
 pub use extractor_file::ExtractorFile;
-pub use info::{HeldOut, SceneInfo, SceneScale, TrainingSummary, Units};
+pub use info::{HeldOut, SceneInfo, TrainingSummary, Units};
 pub use scene::{Precision, SceneFile};
 pub use tensor_file::{Element, MAX_FILE_BYTES, MAX_HEADER_BYTES, TensorFile, serialize};
 

@@ -2,6 +2,7 @@
 
 use super::info::check_sha256;
 use super::{Element, ExtractorFile, SceneFileError, SceneInfo, TensorFile, check_kind, serialize};
+use crate::geometry::SceneScale;
 use crate::models::{RegressorConfig, Variant};
 use crate::nn::Weights;
 
@@ -97,7 +98,7 @@ impl SceneFile {
     /// Last head layers of a network that predicts raw world coordinates: stored in f32, because an f16 bias far from the
     /// origin would shift the whole map.
     fn world_heads(&self) -> Vec<String> {
-        let normalised = self.info.scale != super::SceneScale::default();
+        let normalised = self.info.scale != SceneScale::default();
         if normalised || self.config.variant() == Variant::Anchored {
             return Vec::new();
         }
@@ -155,7 +156,7 @@ fn check_descriptor_size(info: &SceneInfo, config: &RegressorConfig) -> Result<(
 
 #[cfg(test)]
 mod tests {
-    use super::super::{HeldOut, SceneScale, TrainingSummary};
+    use super::super::{HeldOut, TrainingSummary};
     use super::*;
     use crate::geometry::{Camera, CameraModel};
     use crate::models::{ExtractorKind, Preset};

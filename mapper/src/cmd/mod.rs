@@ -1,5 +1,6 @@
 //! The commands of the tool, one file each: `Args` for clap and `run`. Keep alphabetical.
 
+pub mod convert;
 pub mod data;
 pub mod labels;
 pub mod pose;

@@ -1,0 +1,227 @@
+//! The scene's networks on the CPU.
+
+use super::decode::{Predictions, decode_lines, decode_points, decode_v1};
+use crate::features::FeatureSet;
+use crate::geometry::SceneScale;
+use crate::models::{ModelError, RegressorConfig, V1Config, ports};
+use crate::nn::cpu::CpuExecutor;
+use crate::nn::{Executor, NnError, Weights};
+
+/// Why a regressor could not be made or run.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum RegressError {
+    /// The features were made by another extractor or with other samples than the network takes.
+    #[error(
+        "the features have descriptors of {found_channels} numbers and {found_tokens} samples on a segment; the network takes {channels} and {tokens}"
+    )]
+    Features {
+        /// Numbers in a descriptor given.
+        found_channels: usize,
+        /// Samples on a segment given.
+        found_tokens: usize,
+        /// Numbers in a descriptor needed.
+        channels: usize,
+        /// Samples on a segment needed.
+        tokens: usize,
+    },
+    /// The feature set's buffers do not have as many descriptors as it has keypoints or segments.
+    #[error("the feature set has {found} descriptor numbers for its {kind}, needs {needed}")]
+    Buffer {
+        /// `keypoints` or `segments`.
+        kind: &'static str,
+        /// Numbers given.
+        found: usize,
+        /// Numbers needed.
+        needed: usize,
+    },
+    /// The weights do not fit or a size is out of range.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// The runtime refused, for example more keypoints than there is room for.
+    #[error(transparent)]
+    Nn(#[from] NnError),
+}
+
+#[derive(Debug)]
+enum Networks {
+    Branches {
+        point: CpuExecutor,
+        line: Option<CpuExecutor>,
+    },
+    V1 {
+        config: V1Config,
+        joint: CpuExecutor,
+    },
+}
+
+/// A scene's regressor, ready to run.
+#[derive(Debug)]
+pub struct Regressor {
+    networks: Networks,
+    scale: SceneScale,
+    channels: usize,
+    tokens: Option<usize>,
+}
+
+impl Regressor {
+    /// Prepares the networks of a configuration with its file's weights, for at most these many keypoints and segments.
+    ///
+    /// # Errors
+    /// [`RegressError::Model`] when the weights do not fit the configuration or a capacity is out of range.
+    pub fn new(
+        config: &RegressorConfig,
+        mut weights: Weights,
+        scale: SceneScale,
+        max_keypoints: usize,
+        max_segments: usize,
+    ) -> Result<Self, RegressError> {
+        config.check_weights(&weights)?;
+        let networks = match config {
+            RegressorConfig::Branches { point, line } => {
+                let made = point.prepare(&mut weights)?;
+                let point = CpuExecutor::new(point.graph(max_keypoints)?, made)?;
+                let line = match line {
+                    None => None,
+                    Some(line) => {
+                        let made = line.prepare(&mut weights)?;
+                        Some(CpuExecutor::new(line.graph(max_segments)?, made)?)
+                    }
+                };
+                Networks::Branches { point, line }
+            }
+            RegressorConfig::V1(v1) => {
+                let made = v1.prepare(&mut weights)?;
+                Networks::V1 {
+                    config: v1.clone(),
+                    joint: CpuExecutor::new(v1.graph(max_keypoints, max_segments)?, made)?,
+                }
+            }
+        };
+        Ok(Self {
+            networks,
+            scale,
+            channels: config.descriptor_channels(),
+            tokens: config.line_tokens(),
+        })
+    }
+
+    /// Samples that a segment needs, or `None` when the network does not look at segments.
+    pub fn line_tokens(&self) -> Option<usize> {
+        self.tokens
+    }
+
+    /// Predicts scene points and segments.
+    ///
+    /// # Errors
+    /// [`RegressError::Features`] and [`RegressError::Buffer`] for features that the network does not take,
+    /// [`RegressError::Nn`] for more of them than there is room for.
+    pub fn run(
+        &mut self,
+        features: &FeatureSet,
+        out: &mut Predictions,
+    ) -> Result<(), RegressError> {
+        self.check(features)?;
+        out.clear();
+        match &mut self.networks {
+            Networks::Branches { point, line } => {
+                let num = features.keypoints.len();
+                if num > 0 {
+                    point.set_count(ports::POINTS, num)?;
+                    point
+                        .input(ports::DESCRIPTORS)?
+                        .copy_from_slice(&features.descriptors_nd);
+                    point.run()?;
+                    let rows = optional(point, ports::ROWS)?;
+                    decode_points(
+                        &self.scale,
+                        point.output(ports::LOGITS)?,
+                        point.output(ports::COORDINATES)?,
+                        rows,
+                        out,
+                    );
+                }
+                let num = features.segments.len();
+                if let (Some(line), true) = (line, num > 0) {
+                    line.set_count(ports::SEGMENTS, num)?;
+                    line.input(ports::TOKENS)?
+                        .copy_from_slice(&features.segment_descriptors_nsd);
+                    line.run()?;
+                    let rows = optional(line, ports::ROWS)?;
+                    decode_lines(
+                        &self.scale,
+                        line.output(ports::LOGITS)?,
+                        line.output(ports::COORDINATES)?,
+                        rows,
+                        out,
+                    );
+                }
+            }
+            Networks::V1 { config, joint } => {
+                if features.keypoints.is_empty() && features.segments.is_empty() {
+                    return Ok(());
+                }
+                joint.set_count(ports::POINTS, features.keypoints.len())?;
+                joint.set_count(ports::SEGMENTS, features.segments.len())?;
+                joint
+                    .input(ports::DESCRIPTORS)?
+                    .copy_from_slice(&features.descriptors_nd);
+                joint
+                    .input(ports::TOKENS)?
+                    .copy_from_slice(&features.segment_descriptors_nsd);
+                joint.run()?;
+                decode_v1(
+                    config,
+                    &self.scale,
+                    joint.output(ports::POINTS_3D)?,
+                    joint.output(ports::LINES_3D)?,
+                    out,
+                );
+            }
+        }
+        Ok(())
+    }
+
+    fn check(&self, features: &FeatureSet) -> Result<(), RegressError> {
+        let (points, segments) = (features.keypoints.len(), features.segments.len());
+        let wrong_channels =
+            (points > 0 || segments > 0) && features.descriptor_channels != self.channels;
+        let wrong_tokens =
+            segments > 0 && self.tokens.is_some_and(|tokens| tokens != features.tokens);
+        if wrong_channels || wrong_tokens {
+            return Err(RegressError::Features {
+                found_channels: features.descriptor_channels,
+                found_tokens: features.tokens,
+                channels: self.channels,
+                tokens: self.tokens.unwrap_or(0),
+            });
+        }
+        for (kind, found, needed) in [
+            (
+                "keypoints",
+                features.descriptors_nd.len(),
+                points * self.channels,
+            ),
+            (
+                "segments",
+                features.segment_descriptors_nsd.len(),
+                segments * features.tokens * self.channels,
+            ),
+        ] {
+            if found != needed {
+                return Err(RegressError::Buffer {
+                    kind,
+                    found,
+                    needed,
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// An output that only some networks have.
+fn optional<'a>(network: &'a CpuExecutor, name: &str) -> Result<Option<&'a [f32]>, NnError> {
+    let has = network.graph().outputs().iter().any(|p| p.name == name);
+    has.then(|| network.output(name)).transpose()
+}

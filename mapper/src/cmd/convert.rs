@@ -11,14 +11,16 @@ use std::path::PathBuf;
 /// Convert a checkpoint (XFeat, SuperPoint, PL2Map, the paper's network) to Landline's format.
 ///
 /// Reads PyTorch files (.pt, .pth, .pth.tar) without executing anything in them, and safetensors. An extractor becomes an
-/// extractor file; a regressor becomes a scene file and needs `--extractor`, the converted extractor it was trained with.
+/// extractor file; a regressor becomes a scene file and needs `--trained-with`, the converted extractor of its training.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The checkpoint.
     checkpoint: PathBuf,
     /// The file to write: NAME.safetensors for an extractor, NAME.landline for a scene.
-    #[arg(short, long)]
     out: PathBuf,
+    /// Refuse the checkpoint unless it holds this extractor: xfeat, superpoint-v1 or superpoint-open.
+    #[arg(long, value_name = "NAME")]
+    extractor: Option<String>,
     /// How weights are stored.
     #[arg(long, value_enum, default_value_t = PrecisionArg::F16)]
     precision: PrecisionArg,
@@ -26,8 +28,8 @@ pub struct Args {
     #[arg(long)]
     sha256: Option<String>,
     /// Regressors: the converted extractor that it was trained with.
-    #[arg(long)]
-    extractor: Option<PathBuf>,
+    #[arg(long, value_name = "FILE")]
+    trained_with: Option<PathBuf>,
     /// Regressors: attention heads.
     #[arg(long, default_value_t = 4)]
     heads: usize,
@@ -89,6 +91,17 @@ pub fn run(args: Args) -> Result<()> {
     };
     let imported = import(&bytes, &options)
         .with_context(|| format!("cannot convert {}", args.checkpoint.display()))?;
+    if let Some(expected) = &args.extractor {
+        let found = match &imported {
+            Imported::Extractor(file) => file.kind.name(),
+            Imported::Regressor { config, .. } => config.variant().name(),
+        };
+        ensure!(
+            found == expected,
+            "{} holds {found}, not {expected}",
+            args.checkpoint.display()
+        );
+    }
     let precision = args.precision.into();
     let (written, what) = match imported {
         Imported::Extractor(mut file) => {
@@ -104,9 +117,9 @@ pub fn run(args: Args) -> Result<()> {
             )
         }
         Imported::Regressor { config, weights } => {
-            let Some(path) = &args.extractor else {
+            let Some(path) = &args.trained_with else {
                 bail!(
-                    "{} is a regressor ({}); give the converted extractor that it was trained with as --extractor FILE",
+                    "{} is a regressor ({}); give the converted extractor that it was trained with as --trained-with FILE",
                     args.checkpoint.display(),
                     config.variant().name()
                 );

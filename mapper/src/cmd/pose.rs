@@ -81,8 +81,10 @@ pub fn run(args: Args) -> Result<()> {
     let mut scratch = PoseScratch::new();
     let mut solve = |i: usize, scratch: &mut PoseScratch| {
         let p = &problems[i];
-        estimate(&p.points, &p.lines, &p.camera, &options, scratch, &mut clock)
-            .with_context(|| format!("problem {i} of {name}"))
+        estimate(
+            &p.points, &p.lines, &p.camera, &options, scratch, &mut clock,
+        )
+        .with_context(|| format!("problem {i} of {name}"))
     };
     let mut out = std::io::stdout().lock();
     if !problems.is_empty() {

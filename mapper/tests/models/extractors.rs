@@ -1,0 +1,213 @@
+//! XFeat and SuperPoint: dense maps, keypoints, descriptors.
+
+use crate::golden::{Golden, cosine, relative_error};
+use landline::features::{Extractor, ExtractorOptions, FeatureSet, Keypoint, write_gray};
+use landline::models::{ExtractorKind, Sampler, ports};
+use landline::nn::cpu::CpuExecutor;
+use landline::nn::{Executor, Weights};
+use landline::scene_file::{ExtractorFile, Precision};
+use landline_mapper::import::{ImportOptions, Imported, import};
+use landline_mapper::picture;
+use landline_testkit::{shared_data, skip};
+use std::path::Path;
+
+/// The converted extractor from the checkpoint that a variable names, through its file in this precision.
+fn extractor(variable: &str, precision: Precision) -> Option<ExtractorFile> {
+    let Some(path) = std::env::var_os(variable) else {
+        skip(&format!("{variable} names no checkpoint"));
+        return None;
+    };
+    let bytes = std::fs::read(path).expect("the checkpoint is readable");
+    let imported = import(&bytes, &ImportOptions::default()).expect("the checkpoint converts");
+    let Imported::Extractor(file) = imported else {
+        panic!("not an extractor")
+    };
+    let bytes = file.to_bytes(precision).expect("writes");
+    Some(ExtractorFile::from_bytes(&bytes).expect("reads its own file"))
+}
+
+struct Expected<'a> {
+    pixels: Vec<(f64, f64)>,
+    scores: &'a [f32],
+    descriptors: &'a [f32],
+    channels: usize,
+}
+
+/// Every reference keypoint is ours, or a neighbour within a pixel, or tied in score with the worst that was kept; the
+/// descriptors of common keypoints point the same way. Returns the share of identical ones and the smallest cosine.
+fn compare(features: &FeatureSet, expected: &Expected<'_>) -> (f64, f32) {
+    assert_eq!(
+        features.keypoints.len(),
+        expected.pixels.len(),
+        "number of keypoints"
+    );
+    let worst = expected
+        .scores
+        .iter()
+        .copied()
+        .fold(f32::INFINITY, f32::min);
+    let distance = |k: &Keypoint, (x, y): (f64, f64)| (k.pixel.x - x).hypot(k.pixel.y - y);
+    let (mut identical, mut smallest) = (0, 1.0_f32);
+    for (i, at) in expected.pixels.iter().enumerate() {
+        let (nearest, keypoint) = features
+            .keypoints
+            .iter()
+            .enumerate()
+            .min_by(|a, b| distance(a.1, *at).total_cmp(&distance(b.1, *at)))
+            .expect("there are keypoints");
+        let d = distance(keypoint, *at);
+        if d < 0.05 {
+            identical += 1;
+            assert!(
+                (keypoint.score - expected.scores[i]).abs() < 2e-4,
+                "score {} at {at:?}, expected {}",
+                keypoint.score,
+                expected.scores[i]
+            );
+            let c = expected.channels;
+            let ours = features.descriptor(nearest).expect("described");
+            smallest = smallest.min(cosine(ours, &expected.descriptors[i * c..(i + 1) * c]));
+        } else {
+            let tied = (expected.scores[i] - worst).abs() < 2e-4;
+            assert!(
+                d <= 1.0 || tied,
+                "keypoint {at:?} is missing (nearest is {d} away)"
+            );
+        }
+    }
+    (identical as f64 / expected.pixels.len() as f64, smallest)
+}
+
+fn dense(
+    kind: ExtractorKind,
+    weights: Weights,
+    picture_path: &Path,
+) -> (CpuExecutor, landline::image::GrayImage) {
+    let gray = picture::read_gray(picture_path).expect("the picture decodes");
+    let graph = kind.graph(gray.width, gray.height, true).expect("builds");
+    let mut net = CpuExecutor::new(graph, weights).expect("weights fit");
+    write_gray(&gray.view(), net.input(ports::GRAY).expect("input"));
+    net.run().expect("runs");
+    (net, gray)
+}
+
+#[test]
+fn xfeat_agrees_with_the_reference() {
+    let Some(dir) = shared_data("data/golden/xfeat") else {
+        return;
+    };
+    let Some(file) = extractor("LANDLINE_XFEAT_CHECKPOINT", Precision::F32) else {
+        return;
+    };
+    let options = ExtractorOptions::new(ExtractorKind::Xfeat);
+    let mut extractor =
+        Extractor::new(file.kind, file.weights.clone(), options).expect("weights fit");
+    for (name, tolerance) in [
+        ("redkitchen_000100_small", 2e-4),
+        ("redkitchen_000850", 1e-3),
+        ("hololens_150", 1e-3),
+    ] {
+        let golden = Golden::read(&dir.join(format!("{name}.safetensors")));
+        let png = dir.join(format!("{name}.png"));
+        let (net, gray) = dense(file.kind, file.weights.clone(), &png);
+        for (ours, theirs) in [
+            ("raw_features", "feats"),
+            ("keypoint_logits", "keypoint_logits"),
+            (ports::RELIABILITY, "reliability"),
+        ] {
+            let error = relative_error(net.output(ours).expect("output"), &golden.rows(theirs));
+            println!("{name} {theirs}: {error:.1e}");
+            assert!(error < tolerance, "{name} {theirs}: {error}");
+        }
+
+        let mut features = FeatureSet::default();
+        extractor
+            .extract(&gray.view(), &[], &mut features)
+            .expect("extracts");
+        let (w, h) = (gray.width as f64, gray.height as f64);
+        let (iw, ih) = file.kind.inner_size(gray.width, gray.height);
+        let (sx, sy) = (w / iw as f64, h / ih as f64);
+        let expected = Expected {
+            // The reference scales index coordinates; ours are scaled about the picture's corner.
+            pixels: golden
+                .get("keypoints")
+                .as_chunks::<2>()
+                .0
+                .iter()
+                .map(|[x, y]| (f64::from(*x) + 0.5 * sx, f64::from(*y) + 0.5 * sy))
+                .collect(),
+            scores: golden.get("scores"),
+            descriptors: golden.get("descriptors"),
+            channels: 64,
+        };
+        let (identical, smallest) = compare(&features, &expected);
+        println!(
+            "{name}: {identical:.4} of the keypoints identical, smallest cosine {smallest:.6}"
+        );
+        assert!(identical >= 0.99, "{name}: {identical}");
+        assert!(smallest > 0.999, "{name}: {smallest}");
+    }
+}
+
+#[test]
+fn xfeat_in_f16_stays_close() {
+    let Some(dir) = shared_data("data/golden/xfeat") else {
+        return;
+    };
+    let Some(file) = extractor("LANDLINE_XFEAT_CHECKPOINT", Precision::F16) else {
+        return;
+    };
+    let golden = Golden::read(&dir.join("redkitchen_000850.safetensors"));
+    let (net, _) = dense(file.kind, file.weights, &dir.join("redkitchen_000850.png"));
+    let error = relative_error(
+        net.output("raw_features").expect("output"),
+        &golden.rows("feats"),
+    );
+    println!("f16 weights: {error:.1e}");
+    assert!(error < 1e-2, "{error}");
+}
+
+#[test]
+fn superpoint_open_agrees_with_the_reference() {
+    let Some(dir) = shared_data("data/golden/superpoint_open") else {
+        return;
+    };
+    let Some(file) = extractor("LANDLINE_SUPERPOINT_OPEN_CHECKPOINT", Precision::F32) else {
+        return;
+    };
+    assert_eq!(file.kind, ExtractorKind::SuperPointOpen);
+    let golden = Golden::read(&dir.join("output.safetensors"));
+    let (net, gray) = dense(file.kind, file.weights.clone(), &dir.join("image.png"));
+    for (ours, theirs) in [
+        ("raw_features", "descriptor_map"),
+        ("keypoint_logits", "detector_logits"),
+    ] {
+        let error = relative_error(net.output(ours).expect("output"), &golden.rows(theirs));
+        println!("{theirs}: {error:.1e}");
+        assert!(error < 2e-4, "{theirs}: {error}");
+    }
+    let mut options = ExtractorOptions::new(file.kind);
+    options.sampler = Sampler::Legacy;
+    options.keypoints.max_keypoints = 512;
+    let mut extractor = Extractor::new(file.kind, file.weights, options).expect("weights fit");
+    let mut features = FeatureSet::default();
+    extractor
+        .extract(&gray.view(), &[], &mut features)
+        .expect("extracts");
+    let expected = Expected {
+        pixels: golden
+            .get("keypoints")
+            .as_chunks::<2>()
+            .0
+            .iter()
+            .map(|[x, y]| (f64::from(*x) + 0.5, f64::from(*y) + 0.5))
+            .collect(),
+        scores: golden.get("scores"),
+        descriptors: golden.get("descriptors"),
+        channels: 256,
+    };
+    let (identical, smallest) = compare(&features, &expected);
+    println!("{identical:.4} of the keypoints identical, smallest cosine {smallest:.6}");
+    assert!(identical >= 0.99, "{identical}");
+    assert!(smallest > 0.999, "{smallest}");
+}

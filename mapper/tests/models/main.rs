@@ -1,0 +1,5 @@
+//! Networks made from foreign checkpoints against numbers of the reference implementations.
+
+mod extractors;
+mod golden;
+mod regressors;

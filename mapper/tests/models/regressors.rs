@@ -1,0 +1,200 @@
+//! PL2Map and the paper's network from the original checkpoints.
+
+use crate::golden::{Golden, relative_error};
+use landline::features::{FeatureSet, Keypoint};
+use landline::geometry::{Pixel, SceneScale, Segment2};
+use landline::models::{LineBranchConfig, PointBranchConfig, RegressorConfig, ports};
+use landline::nn::cpu::CpuExecutor;
+use landline::nn::oracle::OracleExecutor;
+use landline::nn::{Executor, Graph, Weights};
+use landline::regress::{Predictions, Regressor};
+use landline_mapper::import::{ImportOptions, Imported, import};
+use landline_testkit::shared_data;
+use std::path::Path;
+
+/// Agreement asked of a forward pass in f32.
+const TOLERANCE: f32 = 1e-4;
+
+fn regressor(path: &Path, options: &ImportOptions) -> (RegressorConfig, Weights) {
+    let bytes = std::fs::read(path).expect("the checkpoint is readable");
+    match import(&bytes, options).expect("the checkpoint converts") {
+        Imported::Regressor { config, weights } => (config, weights),
+        Imported::Extractor(file) => panic!("taken for {:?}", file.kind),
+    }
+}
+
+fn executors(graph: &Graph, weights: &Weights) -> [(&'static str, Box<dyn Executor>); 2] {
+    let cpu = CpuExecutor::new(graph.clone(), weights.clone()).expect("weights fit");
+    let oracle = OracleExecutor::new(graph.clone(), weights.clone()).expect("weights fit");
+    [("cpu", Box::new(cpu)), ("oracle", Box::new(oracle))]
+}
+
+fn check(what: &str, got: &[f32], expected: &[f32]) {
+    let error = relative_error(got, expected);
+    println!("{what}: {error:.1e}");
+    assert!(error < TOLERANCE, "{what}: {error}");
+}
+
+fn rows_of(mask: &[f32]) -> Vec<f32> {
+    let kept = mask.iter().enumerate().filter(|(_, m)| **m != 0.0);
+    kept.map(|(i, _)| i as f32).collect()
+}
+
+/// Features whose positions do not matter.
+fn features(golden: &Golden) -> FeatureSet {
+    let channels = golden.shape("points_descriptors")[1];
+    let (num, tokens) = (
+        golden.shape("lines_descriptors")[1],
+        golden.shape("lines_descriptors")[2],
+    );
+    let keypoint = Keypoint {
+        pixel: Pixel::new(0.0, 0.0),
+        score: 0.0,
+    };
+    let segment = Segment2 {
+        start: Pixel::new(0.0, 0.0),
+        end: Pixel::new(1.0, 0.0),
+        width_px: 1.0,
+        precision: 0.125,
+        neg_log10_nfa: 1.0,
+    };
+    FeatureSet {
+        keypoints: vec![keypoint; golden.shape("points_descriptors")[2]],
+        descriptors_nd: golden.rows("points_descriptors"),
+        segments: vec![segment; num],
+        segment_descriptors_nsd: golden.get("lines_descriptors").to_vec(),
+        descriptor_channels: channels,
+        tokens,
+    }
+}
+
+#[test]
+fn proposed_agrees_with_the_reference() {
+    let Some(dir) = shared_data("data/golden/regressor") else {
+        return;
+    };
+    let golden = Golden::read(&dir.join("proposed_io.safetensors"));
+    let options = ImportOptions {
+        min_point_confidence: Some(0.5),
+        min_line_confidence: Some(0.45),
+        ..ImportOptions::default()
+    };
+    let (config, weights) = regressor(&dir.join("proposed.pth.tar"), &options);
+    let RegressorConfig::Branches {
+        point: PointBranchConfig::Attention(p),
+        line: Some(LineBranchConfig::Attention(l)),
+    } = &config
+    else {
+        panic!("{config:?}")
+    };
+    assert_eq!(
+        (p.width, p.heads, p.num_layers, l.num_layers),
+        (64, 4, 5, 1)
+    );
+    assert_eq!(p.head_hidden, [96, 128, 128, 96]);
+    assert_eq!(l.head_hidden, [96, 128, 96]);
+    let set = features(&golden);
+    let (num_points, num_segments) = (set.keypoints.len(), set.segments.len());
+
+    let mut left = weights.clone();
+    let point = PointBranchConfig::Attention(p.clone());
+    let made = point.prepare(&mut left).expect("prepares");
+    let graph = point.graph(num_points + 7).expect("builds");
+    for (name, mut net) in executors(&graph, &made) {
+        net.set_count(ports::POINTS, num_points).expect("fits");
+        net.input(ports::DESCRIPTORS)
+            .expect("input")
+            .copy_from_slice(&set.descriptors_nd);
+        net.run().expect("runs");
+        check(
+            &format!("{name} point logits"),
+            net.output(ports::LOGITS).expect("output"),
+            golden.get("points_prune_logits"),
+        );
+        assert_eq!(
+            net.output(ports::ROWS).expect("output"),
+            rows_of(golden.get("points_keep"))
+        );
+        check(
+            &format!("{name} points"),
+            net.output(ports::COORDINATES).expect("output"),
+            &golden.rows("points3d"),
+        );
+    }
+
+    let line = LineBranchConfig::Attention(l.clone());
+    let made = line.prepare(&mut left).expect("prepares");
+    let graph = line.graph(num_segments).expect("builds");
+    for (name, mut net) in executors(&graph, &made) {
+        net.input(ports::TOKENS)
+            .expect("input")
+            .copy_from_slice(&set.segment_descriptors_nsd);
+        net.run().expect("runs");
+        check(
+            &format!("{name} line logits"),
+            net.output(ports::LOGITS).expect("output"),
+            golden.get("lines_prune_logits"),
+        );
+        assert_eq!(
+            net.output(ports::ROWS).expect("output"),
+            rows_of(golden.get("lines_keep"))
+        );
+        check(
+            &format!("{name} lines"),
+            net.output(ports::COORDINATES).expect("output"),
+            &golden.rows("lines3d"),
+        );
+    }
+    assert!(left.is_empty(), "a tensor belongs to no branch");
+
+    // The same through the regressor: rows, scale, order.
+    let scale = SceneScale {
+        centre: [1.0, 2.0, 3.0].into(),
+        scale: 2.0,
+    };
+    let mut regressor = Regressor::new(&config, weights, scale, 64, 16).expect("weights fit");
+    let mut out = Predictions::default();
+    regressor.run(&set, &mut out).expect("runs");
+    let kept = golden.rows("points3d");
+    assert_eq!(out.points.len(), kept.len() / 3);
+    let first = out.points[0].point_in_world;
+    assert!((first.x - (1.0 + 2.0 * f64::from(kept[0]))).abs() < 1e-4);
+    assert_eq!(out.segments.len(), golden.rows("lines3d").len() / 6);
+}
+
+#[test]
+fn v1_agrees_with_the_reference() {
+    let Some(dir) = shared_data("data/golden/regressor") else {
+        return;
+    };
+    let golden = Golden::read(&dir.join("v1_io.safetensors"));
+    let (config, mut weights) = regressor(&dir.join("v1.pth.tar"), &ImportOptions::default());
+    let RegressorConfig::V1(v1) = &config else {
+        panic!("{config:?}")
+    };
+    let set = features(&golden);
+    let made = v1.prepare(&mut weights).expect("prepares");
+    assert!(weights.is_empty(), "a tensor is not used");
+    let graph = v1.graph(50, 9).expect("builds");
+    for (name, mut net) in executors(&graph, &made) {
+        net.set_count(ports::POINTS, set.keypoints.len())
+            .expect("fits");
+        net.input(ports::DESCRIPTORS)
+            .expect("input")
+            .copy_from_slice(&set.descriptors_nd);
+        net.input(ports::TOKENS)
+            .expect("input")
+            .copy_from_slice(&set.segment_descriptors_nsd);
+        net.run().expect("runs");
+        check(
+            &format!("{name} points"),
+            net.output(ports::POINTS_3D).expect("output"),
+            &golden.rows("points3d"),
+        );
+        check(
+            &format!("{name} lines"),
+            net.output(ports::LINES_3D).expect("output"),
+            &golden.rows("lines3d"),
+        );
+    }
+}

@@ -9,6 +9,7 @@ use super::{
     lower::{Dispatch, Lowering},
     pipelines::{PARAMS_STRIDE, Pipelines},
     readback::{Timer, read_mapped},
+    select::{GpuSelect, Selected},
 };
 use crate::nn::{
     Graph, NnError, Op, Weights,
@@ -52,6 +53,7 @@ pub struct GpuNetwork {
     bind_group: wgpu::BindGroup,
     steps: Vec<Step>,
     bytes_moved: u64,
+    selected: Selected,
     host_counts: Vec<u32>,
     weight_bytes: u64,
 }
@@ -109,26 +111,22 @@ impl GpuNetwork {
         graph: Graph,
         weights: Weights,
     ) -> Result<Self, GpuError> {
+        Self::with_selection(gpu, pipelines, graph, weights, None)
+    }
+
+    /// The same with a keypoint selection behind the network.
+    pub(super) fn with_selection(
+        gpu: &Arc<GpuDevice>,
+        pipelines: &mut Pipelines,
+        graph: Graph,
+        weights: Weights,
+        select: Option<&GpuSelect>,
+    ) -> Result<Self, GpuError> {
         use wgpu::BufferUsages as Usage;
         gpu.check()?;
         let (packed, weight_offsets) = pack(&graph, weights)?;
         let (units, planned) = fuse(&graph);
         let plan = Plan::new(&planned);
-        let weight_bytes = 4 * packed.len() as u64;
-        let limit = super::device::needed_limits().max_storage_buffer_binding_size;
-        for (what, needed) in [
-            ("activations", plan.arena_bytes() as u64),
-            ("weights", weight_bytes),
-        ] {
-            if needed > limit {
-                return Err(GpuError::TooLarge {
-                    network: graph.name().to_owned(),
-                    what,
-                    needed,
-                    limit,
-                });
-            }
-        }
         let lowering = Lowering {
             graph: &graph,
             plan: &plan,
@@ -138,10 +136,35 @@ impl GpuNetwork {
         for unit in &units {
             dispatches.extend(lowering.lower(unit)?);
         }
+        let selected = match select {
+            Some(select) => {
+                let (more, selected) = select.lower(&graph, &plan)?;
+                dispatches.extend(more);
+                selected
+            }
+            None => Selected {
+                arena_len: plan.arena_len,
+                num_counts: graph.counts().len(),
+                ..Selected::default()
+            },
+        };
+        let arena_bytes = 4 * selected.arena_len as u64;
+        let weight_bytes = 4 * packed.len() as u64;
+        let limit = super::device::needed_limits().max_storage_buffer_binding_size;
+        for (what, needed) in [("activations", arena_bytes), ("weights", weight_bytes)] {
+            if needed > limit {
+                return Err(GpuError::TooLarge {
+                    network: graph.name().to_owned(),
+                    what,
+                    needed,
+                    limit,
+                });
+            }
+        }
         let label = |what: &str| format!("{} {what}", graph.name());
         let arena = gpu.buffer(
             &label("activations"),
-            plan.arena_bytes() as u64,
+            arena_bytes,
             Usage::STORAGE | Usage::COPY_SRC | Usage::COPY_DST,
         );
         let weight_buffer = gpu.buffer(
@@ -154,7 +177,7 @@ impl GpuNetwork {
         let host_counts: Vec<u32> = graph.capacities().into_iter().map(|n| n as u32).collect();
         let counts = gpu.buffer(
             &label("counts"),
-            4 * host_counts.len() as u64,
+            4 * selected.num_counts as u64,
             Usage::STORAGE | Usage::COPY_SRC | Usage::COPY_DST,
         );
         gpu.queue
@@ -237,6 +260,7 @@ impl GpuNetwork {
             bind_group,
             steps,
             bytes_moved,
+            selected,
             host_counts,
             weight_bytes,
         })
@@ -263,7 +287,7 @@ impl GpuNetwork {
             dispatches: self.steps.len(),
             bytes_moved: self.bytes_moved,
             macs: self.graph.macs(&capacities),
-            arena_bytes: self.plan.arena_bytes() as u64,
+            arena_bytes: 4 * self.selected.arena_len as u64,
             weight_bytes: self.weight_bytes,
         }
     }
@@ -335,6 +359,21 @@ impl GpuNetwork {
             self.byte_offset(tensor),
             4 * Self::most_numbers(&self.graph, tensor) as u64,
         )
+    }
+
+    /// Where the selection behind this network leaves its results.
+    pub(super) fn selected(&self) -> Selected {
+        self.selected
+    }
+
+    /// The arena.
+    pub(super) fn arena(&self) -> &wgpu::Buffer {
+        &self.arena
+    }
+
+    /// The buffer of run-time numbers of rows.
+    pub(super) fn counts_buffer(&self) -> &wgpu::Buffer {
+        &self.counts
     }
 
     /// Runs once and reads every output: the simple form, for tests and for networks used alone.

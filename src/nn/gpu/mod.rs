@@ -11,15 +11,19 @@
 mod device;
 mod error;
 mod executor;
+mod frame;
 mod fuse;
 mod lower;
 mod pipelines;
 mod readback;
+mod select;
 mod self_test;
 
 pub use device::{AdapterChoice, GpuDevice};
 pub use error::GpuError;
 pub use executor::{GpuCost, GpuNetwork};
+pub use frame::{FrameParts, FramePorts, FrameResult, GpuFrame, GpuPart};
 pub use pipelines::Pipelines;
 pub use readback::{MAP_DEADLINE_MS, Timer};
+pub use select::GpuSelect;
 pub use self_test::self_test;

@@ -55,12 +55,15 @@ pub(super) const KERNELS: &[(&str, &str)] = &[
     ("linear", include_str!("wgsl/linear.wgsl")),
     ("map", include_str!("wgsl/map.wgsl")),
     ("norm", include_str!("wgsl/norm.wgsl")),
+    ("peaks", include_str!("wgsl/peaks.wgsl")),
+    ("peaks_compact", include_str!("wgsl/peaks_compact.wgsl")),
     ("pool", include_str!("wgsl/pool.wgsl")),
     ("resize", include_str!("wgsl/resize.wgsl")),
     ("sample", include_str!("wgsl/sample.wgsl")),
     ("soft_choice", include_str!("wgsl/soft_choice.wgsl")),
     ("stem", include_str!("wgsl/stem.wgsl")),
     ("token_pool", include_str!("wgsl/token_pool.wgsl")),
+    ("top_k", include_str!("wgsl/top_k.wgsl")),
     ("unfold", include_str!("wgsl/unfold.wgsl")),
 ];
 

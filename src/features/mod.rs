@@ -12,9 +12,13 @@
 //!   buffers.
 
 mod extractor;
+#[cfg(feature = "webgpu")]
+mod gpu;
 mod select;
 
 pub use extractor::{Extractor, ExtractorOptions, FeatureError, write_gray, write_token_positions};
+#[cfg(feature = "webgpu")]
+pub use gpu::frame_parts;
 pub use select::{KeypointParams, SelectScratch, select_keypoints};
 
 use crate::geometry::{Pixel, PixelMap, Segment2};

@@ -3,6 +3,8 @@
 mod docs;
 #[cfg(feature = "webgpu")]
 mod gpu;
+#[cfg(feature = "webgpu")]
+mod gpu_frame;
 mod layering;
 mod lsd_golden;
 mod nn;

@@ -1,5 +1,7 @@
 //! The engine as wasm in headless Chromium. `cargo xtask test --only browser` runs it.
 
+mod gpu;
+
 use wasm_bindgen_test::{wasm_bindgen_test, wasm_bindgen_test_configure};
 
 wasm_bindgen_test_configure!(run_in_browser);

@@ -1,0 +1,86 @@
+//! Extractor and samplers as parts of a frame on the GPU: the same networks and the same selection as on the CPU.
+
+use super::{ExtractorOptions, FeatureError};
+use crate::models::{ExtractorKind, ports};
+use crate::nn::{
+    Weights,
+    gpu::{FrameParts, FramePorts, GpuPart, GpuSelect},
+};
+
+/// How the parts of a frame call what they share.
+const PORTS: FramePorts = FramePorts {
+    gray: ports::GRAY,
+    features: ports::FEATURES,
+    cells: ports::CELLS,
+    positions: ports::POSITIONS,
+    samples: ports::SAMPLES,
+    descriptors: ports::DESCRIPTORS,
+    tokens: ports::TOKENS,
+    points: ports::POINTS,
+    segments: ports::SEGMENTS,
+};
+
+/// The parts of a frame for pictures of `width` x `height` pixels, ready for [`crate::nn::gpu::GpuFrame::new`]. `weights` are
+/// the extractor's; `branches` are the scene's networks with room for `options.keypoints.max_keypoints` keypoints and
+/// `options.max_segments` segments.
+///
+/// # Errors
+/// [`FeatureError::Model`] for weights or sizes that do not fit the extractor.
+pub fn frame_parts(
+    kind: ExtractorKind,
+    weights: &Weights,
+    options: &ExtractorOptions,
+    (width, height): (usize, usize),
+    branches: Vec<GpuPart>,
+) -> Result<FrameParts, FeatureError> {
+    kind.check_weights(weights)?;
+    let sampler = |capacity: usize| {
+        let graph = kind.sampler_graph(width, height, options.sampler, capacity)?;
+        Ok::<_, FeatureError>(GpuPart {
+            graph,
+            weights: Weights::new(),
+        })
+    };
+    let keypoints = &options.keypoints;
+    let capacity = keypoints.max_keypoints.max(1);
+    let (inner_width, inner_height) = kind.inner_size(width, height);
+    let (reliability, scale) = match kind {
+        ExtractorKind::Xfeat => {
+            let axis = |inner: usize| crate::models::Sampler::Xfeat.axis(inner, inner);
+            let scale = [
+                width as f32 / inner_width as f32,
+                height as f32 / inner_height as f32,
+            ];
+            (
+                Some((ports::RELIABILITY, axis(inner_width), axis(inner_height))),
+                scale,
+            )
+        }
+        ExtractorKind::SuperPointV1 | ExtractorKind::SuperPointOpen => (None, [1.0, 1.0]),
+    };
+    let line_samples = options.max_segments * options.tokens;
+    Ok(FrameParts {
+        extractor: GpuPart {
+            graph: kind.graph(width, height, false)?,
+            weights: weights.clone(),
+        },
+        select: GpuSelect {
+            heat: ports::HEAT,
+            reliability,
+            radius: keypoints.nms_radius,
+            min_heat: keypoints.min_heat,
+            border: keypoints.border,
+            capacity,
+            scale,
+        },
+        point_sampler: sampler(capacity)?,
+        line_sampler: if line_samples > 0 {
+            Some(sampler(line_samples)?)
+        } else {
+            None
+        },
+        tokens: options.tokens,
+        branches,
+        ports: PORTS,
+    })
+}

@@ -4,12 +4,18 @@
 //! could not use is not skipped in silence: it is in [`Dataset::dropped`] with the reason, and the import table prints it.
 
 pub mod camera;
+mod colmap;
+mod indoor6;
+mod limap;
 mod open;
 mod pose_check;
 mod pose_list;
+mod seven_scenes;
 mod split;
 mod table;
 mod text;
+mod transforms;
+mod tum;
 
 pub use open::{DataArgs, Format, open};
 pub use pose_check::{PoseProblem, rigid_from_matrix};

@@ -3,11 +3,11 @@
 use super::camera::CameraRecord;
 use super::pose_list::{self, CameraSource, ListKind};
 use super::split::{self, IndexRange};
-use super::{Dataset, DatasetError};
+use super::{Dataset, DatasetError, colmap, indoor6, limap, seven_scenes, transforms, tum};
 use crate::picture;
 use landline::geometry::{CamFromWorld, Camera, CameraModel};
 use nalgebra::{Matrix3, Vector3};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 /// Which data, and how to read it.
@@ -33,6 +33,9 @@ pub struct DataArgs {
     /// Cameras by picture: a list `name MODEL width height parameters...`.
     #[arg(long, value_name = "FILE")]
     pub cameras: Option<PathBuf>,
+    /// Folder of a LIMAP line map, or of any detector's segments in its layout.
+    #[arg(long, value_name = "DIR")]
+    pub lines: Option<PathBuf>,
     /// Pictures that teach, as positions in the sorted list (0-799, 0-99,160-).
     #[arg(long, value_name = "RANGE")]
     pub train: Option<IndexRange>,
@@ -44,6 +47,18 @@ pub struct DataArgs {
 /// The formats that are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Format {
+    /// COLMAP sparse model, binary or text.
+    Colmap,
+    /// transforms.json of nerfstudio or instant-ngp.
+    Transforms,
+    /// 7-Scenes as shipped.
+    SevenScenes,
+    /// Folders `train|test/{rgb,poses,calibration}` of DSAC* and ACE.
+    Ace,
+    /// Indoor-6.
+    Indoor6,
+    /// TUM RGB-D.
+    Tum,
     /// `name qw qx qy qz tx ty tz [f]`, or `name` and 16 numbers.
     PoseList,
     /// `name MODEL width height parameters...`: cameras without poses.
@@ -109,18 +124,68 @@ pub fn open(args: &DataArgs) -> Result<Dataset, DatasetError> {
     }
     let pictures = Pictures::new(&root, args.pictures.as_deref())?;
 
-    let mut dataset = {
-        let (list, kind, note) = find_list(args, &root, meta.is_dir())?;
-        let k = list.with_file_name("K.txt");
-        if cameras.given.is_none() && k.is_file() {
-            cameras.read_k(&k)?;
+    let mut dataset = match args
+        .format
+        .or_else(|| find_format(args, &root, meta.is_dir()))
+    {
+        Some(Format::Colmap) => {
+            let model = colmap::find_model(&root).ok_or_else(|| {
+                DatasetError::missing(&root, "no images.bin or images.txt here or under sparse/")
+            })?;
+            colmap::read(&model, &pictures)?
         }
-        let mut dataset = pose_list::read(&list, kind, &pictures, &cameras, args.pose_direction)?;
-        dataset.notes.extend(note);
-        dataset
+        Some(Format::Transforms) => {
+            let path = if meta.is_dir() {
+                root.join("transforms.json")
+            } else {
+                data.clone()
+            };
+            transforms::read(&path, &pictures)?
+        }
+        Some(Format::SevenScenes) => seven_scenes::read_original(&root, &pictures, &cameras)?,
+        Some(Format::Ace) => seven_scenes::read_ace(&root)?,
+        Some(Format::Indoor6) => indoor6::read(&root, &pictures)?,
+        Some(Format::Tum) => tum::read(&root, &pictures, &cameras)?,
+        Some(Format::PoseList | Format::QueryList) | None => {
+            let (list, kind, note) = find_list(args, &root, meta.is_dir())?;
+            let k = list.with_file_name("K.txt");
+            if cameras.given.is_none() && k.is_file() {
+                cameras.read_k(&k)?;
+            }
+            let mut dataset =
+                pose_list::read(&list, kind, &pictures, &cameras, args.pose_direction)?;
+            dataset.notes.extend(note);
+            seven_scenes::apply_split_files(&root, &mut dataset)?;
+            dataset
+        }
     };
     finish(&mut dataset, args)?;
     Ok(dataset)
+}
+
+/// What a path looks like; `None` leaves it to the lists. Poses that are named outrank what lies about.
+fn find_format(args: &DataArgs, root: &Path, is_folder: bool) -> Option<Format> {
+    if args.poses.is_some() {
+        return None;
+    }
+    if !is_folder {
+        return (args.data.extension()? == "json").then_some(Format::Transforms);
+    }
+    if colmap::find_model(root).is_some() {
+        Some(Format::Colmap)
+    } else if root.join("transforms.json").is_file() {
+        Some(Format::Transforms)
+    } else if seven_scenes::is_original(root) {
+        Some(Format::SevenScenes)
+    } else if seven_scenes::is_ace(root) {
+        Some(Format::Ace)
+    } else if indoor6::is_indoor6(root) {
+        Some(Format::Indoor6)
+    } else if tum::is_tum(root) {
+        Some(Format::Tum)
+    } else {
+        None
+    }
 }
 
 /// The pose list of a folder, what kind it is, and a remark when there was a choice.
@@ -206,11 +271,17 @@ pub(super) fn list_files(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
 
 /// Checks and completes what a reader delivered.
 fn finish(dataset: &mut Dataset, args: &DataArgs) -> Result<(), DatasetError> {
-    dataset.images.sort_by(|a, b| a.name.cmp(&b.name));
-    let mut seen: HashMap<String, ()> = HashMap::new();
-    let mut kept = Vec::with_capacity(dataset.images.len());
-    for mut image in std::mem::take(&mut dataset.images) {
-        if seen.insert(image.name.clone(), ()).is_some() {
+    let mut sorted: Vec<_> = std::mem::take(&mut dataset.images)
+        .into_iter()
+        .enumerate()
+        .collect();
+    sorted.sort_by(|a, b| a.1.name.cmp(&b.1.name).then(a.0.cmp(&b.0)));
+    let mut seen: HashSet<String> = HashSet::new();
+    let mut kept = Vec::with_capacity(sorted.len());
+    let mut position_of: HashMap<usize, usize> = HashMap::new();
+    let mut changes: Vec<(f64, u8)> = Vec::new();
+    for (before, mut image) in sorted {
+        if !seen.insert(image.name.clone()) {
             dataset.drop_image(image.name, "name appears twice");
             continue;
         }
@@ -220,9 +291,9 @@ fn finish(dataset: &mut Dataset, args: &DataArgs) -> Result<(), DatasetError> {
                 continue;
             }
             Ok(size) => match fit_to_picture(&mut image.camera, &mut image.cam_from_world, &size) {
-                Ok(None) => {}
-                Ok(Some(note)) => {
-                    if !dataset.notes.contains(&note) {
+                Ok(Fit { scale, turns, note }) => {
+                    changes.push((scale, turns));
+                    if let Some(note) = note.filter(|n| !dataset.notes.contains(n)) {
                         dataset.notes.push(note);
                     }
                 }
@@ -232,9 +303,29 @@ fn finish(dataset: &mut Dataset, args: &DataArgs) -> Result<(), DatasetError> {
                 }
             },
         }
+        position_of.insert(before, kept.len());
         kept.push(image);
     }
     dataset.images = kept;
+    // Points of a model keep up with the pictures: positions after sorting, pixels of the picture as used.
+    for point in &mut dataset.points {
+        point.observations = point
+            .observations
+            .iter()
+            .filter_map(|(before, pixel)| {
+                let position = *position_of.get(before)?;
+                let (scale, turns) = changes.get(position)?;
+                // Scaled and turned pictures are rare; a model's pixels are only used as they are.
+                (*turns == 0).then(|| {
+                    (
+                        position,
+                        landline::geometry::Pixel::new(pixel.x * scale, pixel.y * scale),
+                    )
+                })
+            })
+            .collect();
+    }
+    dataset.points.retain(|p| p.observations.len() >= 2);
     if dataset.images.is_empty() {
         let mut counts: Vec<(String, usize)> = Vec::new();
         for d in &dataset.dropped {
@@ -257,7 +348,20 @@ fn finish(dataset: &mut Dataset, args: &DataArgs) -> Result<(), DatasetError> {
             },
         });
     }
+    if let Some(folder) = &args.lines {
+        limap::read_into(folder, dataset)?;
+    }
     split::apply(dataset, args.train.as_ref(), args.test.as_ref())
+}
+
+/// What was done so that a camera fits its picture.
+struct Fit {
+    /// Picture size by camera size.
+    scale: f64,
+    /// Clockwise quarter turns.
+    turns: u8,
+    /// For the table.
+    note: Option<String>,
 }
 
 /// Makes camera and pose those of the upright picture.
@@ -268,7 +372,7 @@ fn fit_to_picture(
     camera: &mut Camera,
     cam_from_world: &mut Option<CamFromWorld>,
     size: &picture::Size,
-) -> Result<Option<String>, String> {
+) -> Result<Fit, String> {
     let is_turned = size.stored != size.upright || size.quarter_turns != 0;
     if size.is_mirrored {
         return Err("EXIF says that the picture is mirrored".to_owned());
@@ -280,12 +384,21 @@ fn fit_to_picture(
             *cam_from_world =
                 cam_from_world.map(|t| CamFromWorld::new(turn * t.rotation, turn * t.translation));
         }
-        return Ok(Some(
-            "EXIF-rotated pictures: turned upright, their cameras and poses with them".to_owned(),
-        ));
+        return Ok(Fit {
+            scale: 1.0,
+            turns: size.quarter_turns,
+            note: Some(
+                "EXIF-rotated pictures: turned upright, their cameras and poses with them"
+                    .to_owned(),
+            ),
+        });
     }
     if (camera.width, camera.height) == size.upright {
-        return Ok(None);
+        return Ok(Fit {
+            scale: 1.0,
+            turns: 0,
+            note: None,
+        });
     }
     let (sx, sy) = (
         f64::from(size.upright.0) / f64::from(camera.width),
@@ -294,10 +407,13 @@ fn fit_to_picture(
     // A picture that was shrunk afterwards keeps its content, up to the rounding of one pixel.
     if (sx / sy - 1.0).abs() * f64::from(size.upright.0.max(size.upright.1)) <= 1.0 {
         *camera = resized(camera, size.upright, sx, sy);
-        return Ok(Some(format!(
-            "pictures are {:.4} times the size that their cameras state: cameras scaled",
-            sx
-        )));
+        return Ok(Fit {
+            scale: sx,
+            turns: 0,
+            note: Some(format!(
+                "pictures are {sx:.4} times the size that their cameras state: cameras scaled"
+            )),
+        });
     }
     Err("picture and camera differ in aspect".to_owned())
 }
@@ -385,6 +501,21 @@ impl Pictures {
         Ok(Self { folders })
     }
 
+    /// As [`Self::find`], for names that may lack their extension; returns the name with it.
+    pub(super) fn find_with_extension(
+        &self,
+        name: &str,
+        dataset: &mut Dataset,
+    ) -> Option<(String, PathBuf, (u32, u32))> {
+        let full = ["", ".png", ".jpg", ".jpeg", ".JPG"]
+            .iter()
+            .map(|e| format!("{name}{e}"))
+            .find(|n| self.folders.iter().any(|f| f.join(n).is_file()))
+            .unwrap_or_else(|| name.to_owned());
+        let (path, size) = self.find(&full, dataset)?;
+        Some((full, path, size))
+    }
+
     /// The file of a picture and its upright size. What cannot be found or read is noted as dropped.
     pub(super) fn find(&self, name: &str, dataset: &mut Dataset) -> Option<(PathBuf, (u32, u32))> {
         let Some(path) = self
@@ -440,7 +571,7 @@ mod tests {
         };
         let (mut turned, mut turned_pose) = (camera, Some(pose));
         let note = fit_to_picture(&mut turned, &mut turned_pose, &size).expect("a plain turn");
-        assert!(note.is_some());
+        assert!(note.note.is_some());
         let after = turned
             .pixel_from_cam(&turned_pose.expect("kept").transform_point(&point))
             .expect("in front");

@@ -1,7 +1,7 @@
 //! Text lists: `name qw qx qy qz tx ty tz [f [confidence]]` (camera from world, as pseudo ground truth of 7-Scenes, hloc
 //! results and ACE0 write them), `name` + 16 numbers (4x4 row-major), and hloc query lists `name MODEL w h params...`.
 
-use super::camera::CameraRecord;
+use super::camera::{CameraRecord, CameraRecordError};
 use super::open::{Pictures, PoseDirection};
 use super::pose_check::{rigid_from_matrix, rigid_from_quaternion};
 use super::text::TextFile;
@@ -42,12 +42,14 @@ pub(super) fn sniff(path: &Path) -> Option<ListKind> {
                 .all(|c| c.is_ascii_uppercase() || c.is_ascii_digit() || c == '_')
             && model.parse::<f64>().is_err()
     });
-    match (is_query, fields.len(), numbers) {
-        (true, ..) => Some(ListKind::Query),
-        (_, 8, 7) => Some(ListKind::Quaternion(0)),
-        (_, 9, 8) => Some(ListKind::Quaternion(1)),
-        (_, 10, 9) => Some(ListKind::Quaternion(2)),
-        (_, 17, 16) => Some(ListKind::Matrix),
+    // A name may hold spaces, or be a number itself.
+    let numbers = numbers.min(fields.len().saturating_sub(1));
+    match (is_query, numbers) {
+        (true, _) => Some(ListKind::Query),
+        (_, 7) => Some(ListKind::Quaternion(0)),
+        (_, 8) => Some(ListKind::Quaternion(1)),
+        (_, 9) => Some(ListKind::Quaternion(2)),
+        (_, 16) => Some(ListKind::Matrix),
         _ => None,
     }
 }
@@ -250,7 +252,7 @@ impl CameraSource {
         name: &str,
         (width, height): (u32, u32),
         focal: Option<f64>,
-    ) -> Option<Result<Camera, landline::geometry::CameraError>> {
+    ) -> Option<Result<Camera, CameraRecordError>> {
         let basename = name.rsplit('/').next().unwrap_or(name);
         if let Some(record) = self
             .by_name
@@ -269,6 +271,11 @@ impl CameraSource {
             },
             (None, None) => return None,
         };
-        Some(camera.validate().map(|()| camera))
+        Some(
+            camera
+                .validate()
+                .map(|()| camera)
+                .map_err(CameraRecordError::from),
+        )
     }
 }

@@ -1,0 +1,256 @@
+//! 7-Scenes folders (`seq-01/frame-000000.{color.png,pose.txt}`, `TrainSplit.txt`, `TestSplit.txt`) and the layout that
+//! DSAC* and ACE use (`train|test/{rgb,poses,calibration}`, matched by sort order).
+//!
+//! The poses as shipped are those of the depth camera. One fixed rigid transform takes depth to colour; it was recovered
+//! by comparing shipped poses with published registered ones (deviation at most 0.2 mm).
+
+use super::camera::CameraRecord;
+use super::open::{Pictures, list_files};
+use super::pose_check::rigid_from_matrix;
+use super::pose_list::{CameraSource, block_and_translation};
+use super::text::TextFile;
+use super::{Dataset, DatasetError, DatasetImage, Split};
+use landline::geometry::{CamFromWorld, WorldFromCam};
+use nalgebra::{Matrix3, Vector3};
+use std::path::{Path, PathBuf};
+
+/// Focal length of the colour camera, pixels at 640x480.
+const COLOR_FOCAL_PX: f64 = 525.0;
+
+/// Colour camera from depth camera.
+fn color_from_depth() -> (Matrix3<f64>, Vector3<f64>) {
+    (
+        Matrix3::new(
+            0.999965, 0.002676, -0.007903, -0.002741, 0.999963, -0.008150, 0.007881, 0.008172,
+            0.999936,
+        ),
+        Vector3::new(-0.025519, 0.000129, 0.001937),
+    )
+}
+
+/// Whether a folder has the layout of the original set.
+pub(super) fn is_original(root: &Path) -> bool {
+    root.join("TrainSplit.txt").is_file() || !sequences(root).is_empty()
+}
+
+/// Whether a folder has the layout of DSAC* and ACE.
+pub(super) fn is_ace(root: &Path) -> bool {
+    root.join("train/rgb").is_dir() && root.join("train/poses").is_dir()
+}
+
+fn sequences(root: &Path) -> Vec<PathBuf> {
+    let mut found: Vec<PathBuf> = std::fs::read_dir(root)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|e| e.path())
+        .filter(|p| {
+            p.is_dir()
+                && p.file_name()
+                    .is_some_and(|n| n.to_string_lossy().starts_with("seq-"))
+        })
+        .collect();
+    found.sort();
+    found
+}
+
+/// Sequences that a split file names: a line `sequence1` is the folder `seq-01`.
+fn split_file(path: &Path) -> Result<Vec<String>, DatasetError> {
+    let file = TextFile::read(path)?;
+    file.lines()
+        .map(|line| {
+            let number: u32 = line.number(line.text.trim_start_matches("sequence"))?;
+            Ok(format!("seq-{number:02}"))
+        })
+        .collect()
+}
+
+/// The split of a picture, from the split files beside its sequence folder.
+pub(super) fn apply_split_files(root: &Path, dataset: &mut Dataset) -> Result<(), DatasetError> {
+    let path = root.join("TestSplit.txt");
+    if !path.is_file() {
+        return Ok(());
+    }
+    let tests = split_file(&path)?;
+    for image in &mut dataset.images {
+        if tests
+            .iter()
+            .any(|s| image.name.split('/').any(|part| part == s))
+        {
+            image.split = Split::Test;
+        }
+    }
+    Ok(())
+}
+
+fn read_pose(path: &Path) -> Result<Vec<f64>, DatasetError> {
+    let file = TextFile::read(path)?;
+    let mut numbers = Vec::with_capacity(16);
+    for line in file.lines() {
+        for field in line.fields() {
+            // Some sets write lost poses as inf or nan: that is a dropped picture, no broken file.
+            numbers.push(line.number::<f64>(field)?);
+        }
+    }
+    if numbers.len() != 16 {
+        return Err(DatasetError::missing(
+            path,
+            format!("expected a 4x4 matrix, found {} numbers", numbers.len()),
+        ));
+    }
+    Ok(numbers)
+}
+
+fn pose_of(numbers: &[f64]) -> Result<WorldFromCam, super::PoseProblem> {
+    let (block, translation) = block_and_translation(numbers);
+    rigid_from_matrix(&block, translation)
+}
+
+/// Reads the original layout.
+pub(super) fn read_original(
+    root: &Path,
+    pictures: &Pictures,
+    cameras: &CameraSource,
+) -> Result<Dataset, DatasetError> {
+    let mut dataset = Dataset::empty("7-Scenes");
+    dataset.sources.push(root.to_owned());
+    dataset.notes.push(
+        "poses as shipped are of the depth camera: moved to the colour camera by the known transform".to_owned(),
+    );
+    dataset.notes.push(
+        "these poses (KinectFusion) are worse than structure-from-motion ones; --poses takes a list of those".to_owned(),
+    );
+    let (rotation, translation) = color_from_depth();
+    let color_from_depth: CamFromWorld =
+        rigid_from_matrix(&rotation, translation).map_err(|problem| DatasetError::Pose {
+            path: root.to_owned(),
+            name: "colour from depth".to_owned(),
+            problem,
+        })?;
+    for folder in sequences(root) {
+        let sequence = folder
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        for pose_file in list_files(&folder)? {
+            let file_name = pose_file
+                .file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned();
+            let Some(stem) = file_name.strip_suffix(".pose.txt") else {
+                continue;
+            };
+            let base = format!("{sequence}/{stem}.color");
+            let world_from_depth = match pose_of(&read_pose(&pose_file)?) {
+                Ok(t) => t,
+                Err(problem) => {
+                    dataset.drop_image(base, format!("pose: {problem}"));
+                    continue;
+                }
+            };
+            let Some((name, path, size)) = pictures.find_with_extension(&base, &mut dataset) else {
+                continue;
+            };
+            let from_world = world_from_depth.inverse();
+            let focal = COLOR_FOCAL_PX * f64::from(size.0) / 640.0;
+            let camera = cameras
+                .camera(&name, size, Some(focal))
+                .ok_or_else(|| DatasetError::missing(root, "no camera"))?
+                .map_err(|e| DatasetError::missing(root, e))?;
+            dataset.images.push(DatasetImage {
+                name,
+                path,
+                camera,
+                cam_from_world: Some(CamFromWorld::new(
+                    color_from_depth.rotation * from_world.rotation,
+                    color_from_depth.rotation * from_world.translation
+                        + color_from_depth.translation,
+                )),
+                split: Split::Train,
+            });
+        }
+    }
+    apply_split_files(root, &mut dataset)?;
+    Ok(dataset)
+}
+
+/// Reads the layout of DSAC* and ACE. Its poses are of the colour camera.
+pub(super) fn read_ace(root: &Path) -> Result<Dataset, DatasetError> {
+    let mut dataset = Dataset::empty("DSAC*/ACE folders");
+    dataset.sources.push(root.to_owned());
+    for (folder, split) in [("train", Split::Train), ("test", Split::Test)] {
+        let base = root.join(folder);
+        if !base.is_dir() {
+            continue;
+        }
+        let rgb = list_files(&base.join("rgb"))?;
+        let poses = list_files(&base.join("poses"))?;
+        let calibration = list_files(&base.join("calibration"))?;
+        if rgb.len() != poses.len() || rgb.len() != calibration.len() {
+            return Err(DatasetError::missing(
+                &base,
+                format!(
+                    "{} pictures, {} poses and {} calibrations; they are matched by order and must be as many",
+                    rgb.len(),
+                    poses.len(),
+                    calibration.len()
+                ),
+            ));
+        }
+        for ((picture, pose), calibration) in rgb.into_iter().zip(poses).zip(calibration) {
+            let file_name = picture.file_name().unwrap_or_default().to_string_lossy();
+            let name = format!("{folder}/rgb/{file_name}");
+            let world_from_cam = match pose_of(&read_pose(&pose)?) {
+                Ok(t) => t,
+                Err(problem) => {
+                    dataset.drop_image(name, format!("pose: {problem}"));
+                    continue;
+                }
+            };
+            let size = match crate::picture::size(&picture) {
+                Ok(size) => size.upright,
+                Err(e) => {
+                    dataset.drop_image(name, format!("picture cannot be read: {}", e.short()));
+                    continue;
+                }
+            };
+            let file = TextFile::read(&calibration)?;
+            let mut v = Vec::new();
+            for line in file.lines() {
+                v.extend(line.finite(&line.fields())?);
+            }
+            let (w, h) = (f64::from(size.0), f64::from(size.1));
+            let params = match v.as_slice() {
+                &[f] => vec![f, f, 0.5 * w, 0.5 * h],
+                &[fx, _, cx, _, fy, cy, ..] if v.len() == 9 => vec![fx, fy, cx, cy],
+                _ => {
+                    return Err(DatasetError::missing(
+                        &calibration,
+                        format!(
+                            "expected one focal length or a 3x3 matrix, found {} numbers",
+                            v.len()
+                        ),
+                    ));
+                }
+            };
+            let camera = CameraRecord {
+                model: "PINHOLE".to_owned(),
+                width: size.0,
+                height: size.1,
+                params,
+            }
+            .to_camera()
+            .map_err(|e| DatasetError::missing(&calibration, e))?;
+            dataset.images.push(DatasetImage {
+                name,
+                path: picture,
+                camera,
+                cam_from_world: Some(world_from_cam.inverse()),
+                split,
+            });
+        }
+    }
+    Ok(dataset)
+}

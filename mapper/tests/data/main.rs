@@ -1,0 +1,4 @@
+//! Data sets, labels and evaluation across modules.
+
+mod folder;
+mod readers;

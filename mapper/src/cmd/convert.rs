@@ -151,7 +151,8 @@ fn imported_scene(
     let mut info = SceneInfo::new(extractor.kind, extractor.source_sha256.clone());
     info.sampler = match extractor.kind {
         ExtractorKind::Xfeat => Sampler::Xfeat,
-        ExtractorKind::SuperPointV1 | ExtractorKind::SuperPointOpen => Sampler::Legacy,
+        ExtractorKind::SuperPointV1 => Sampler::Legacy,
+        ExtractorKind::SuperPointOpen => Sampler::Exact,
     };
     info.line_halfpixel = false;
     info.working_max_side = 1024;

@@ -187,7 +187,7 @@ fn superpoint_open_agrees_with_the_reference() {
         assert!(error < 2e-4, "{theirs}: {error}");
     }
     let mut options = ExtractorOptions::new(file.kind);
-    options.sampler = Sampler::Legacy;
+    options.sampler = Sampler::Exact; // as this release samples
     options.keypoints.max_keypoints = 512;
     let mut extractor = Extractor::new(file.kind, file.weights, options).expect("weights fit");
     let mut features = FeatureSet::default();

@@ -19,6 +19,8 @@ mod extractor;
 mod fold;
 mod proposed;
 mod superpoint;
+#[cfg(test)]
+mod tests;
 mod v1;
 mod xfeat;
 

@@ -1,0 +1,690 @@
+//! The long form of every network in plain f64, against the graphs: what folding left out must not be missed.
+
+use super::{
+    AnchoredLineConfig, AnchoredPointConfig, AttentionLineConfig, AttentionPointConfig,
+    LineBranchConfig, LinePool, PointBranchConfig, RegressorConfig, TensorSpec, V1Config, ports,
+};
+use crate::nn::oracle::OracleExecutor;
+use crate::nn::{Executor, Graph, WeightTensor, Weights};
+
+type Rows = Vec<Vec<f64>>;
+
+/// Numbers in -0.5..0.5 that look random.
+fn noise(state: &mut u32, n: usize) -> Vec<f32> {
+    let mut next = || {
+        *state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (*state >> 8) as f32 / 16_777_216.0 - 0.5
+    };
+    (0..n).map(|_| next()).collect()
+}
+
+fn random_weights(specs: &[TensorSpec], seed: u32) -> Weights {
+    let mut state = seed;
+    specs
+        .iter()
+        .map(|t| {
+            let data = noise(&mut state, t.shape.iter().product());
+            (
+                t.name.clone(),
+                WeightTensor::f32(&t.shape, data).expect("sizes agree"),
+            )
+        })
+        .collect()
+}
+
+fn unit_rows(seed: u32, n: usize, channels: usize) -> Rows {
+    let mut state = seed;
+    (0..n)
+        .map(|_| {
+            let row: Vec<f64> = noise(&mut state, channels)
+                .into_iter()
+                .map(f64::from)
+                .collect();
+            let norm = row.iter().map(|x| x * x).sum::<f64>().sqrt();
+            row.iter().map(|x| x / norm).collect()
+        })
+        .collect()
+}
+
+/// Reference layers on the file's own tensors.
+struct Long<'a>(&'a Weights);
+
+impl Long<'_> {
+    fn get(&self, name: &str) -> Vec<f64> {
+        let t = self.0.get(name).expect("tensor of the configuration");
+        t.to_f32().into_iter().map(f64::from).collect()
+    }
+
+    fn linear(&self, name: &str, x: &[f64]) -> Vec<f64> {
+        let (w, b) = (
+            self.get(&format!("{name}.w")),
+            self.get(&format!("{name}.b")),
+        );
+        w.chunks_exact(x.len())
+            .zip(b)
+            .map(|(row, b)| row.iter().zip(x).map(|(w, x)| w * x).sum::<f64>() + b)
+            .collect()
+    }
+
+    fn mlp(&self, name: &str, num: usize, x: &[f64]) -> Vec<f64> {
+        let mut y = x.to_vec();
+        for i in 0..num {
+            y = self.linear(&format!("{name}.{i}"), &y);
+            if i + 1 < num {
+                y.iter_mut().for_each(|v| *v = v.max(0.0));
+            }
+        }
+        y
+    }
+
+    fn layer_norm(&self, name: &str, x: &[f64]) -> Vec<f64> {
+        let n = x.len() as f64;
+        let mean = x.iter().sum::<f64>() / n;
+        let variance = x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n;
+        let (g, b) = (
+            self.get(&format!("{name}.g")),
+            self.get(&format!("{name}.b")),
+        );
+        x.iter()
+            .zip(g.iter().zip(&b))
+            .map(|(v, (g, b))| (v - mean) / (variance + 1e-6).sqrt() * g + b)
+            .collect()
+    }
+
+    /// Attention of every row of `x` over `source`, with all biases, before the output projection.
+    fn attend(&self, name: &str, x: &Rows, source: &Rows, heads: usize) -> Rows {
+        let project = |part: &str, rows: &Rows| -> Rows {
+            rows.iter()
+                .map(|r| self.linear(&format!("{name}.{part}"), r))
+                .collect()
+        };
+        let (q, k, v) = (project("q", x), project("k", source), project("v", source));
+        q.iter()
+            .map(|q| {
+                let dh = q.len() / heads;
+                let mut out = vec![0.0; q.len()];
+                for h in 0..heads {
+                    let block = h * dh..(h + 1) * dh;
+                    let scores: Vec<f64> = k
+                        .iter()
+                        .map(|k| {
+                            let dot = q[block.clone()].iter().zip(&k[block.clone()]);
+                            dot.map(|(a, b)| a * b).sum::<f64>() / (dh as f64).sqrt()
+                        })
+                        .collect();
+                    let p = softmax(&scores);
+                    for (p, v) in p.iter().zip(&v) {
+                        for c in block.clone() {
+                            out[c] += p * v[c];
+                        }
+                    }
+                }
+                out
+            })
+            .collect()
+    }
+
+    fn attention_layer(&self, name: &str, x: &Rows, source: &Rows, heads: usize) -> Rows {
+        let attended = self.attend(name, x, source, heads);
+        x.iter()
+            .zip(attended)
+            .map(|(x, a)| {
+                let message = self.linear(&format!("{name}.o"), &a);
+                let joined: Vec<f64> = x.iter().chain(&message).copied().collect();
+                let delta = self.mlp(&format!("{name}.ffn"), 2, &joined);
+                x.iter().zip(delta).map(|(a, b)| a + b).collect()
+            })
+            .collect()
+    }
+
+    /// One transformer layer over all tokens of a segment; the first token's output.
+    fn line_encoder(&self, tokens: &Rows, heads: usize, has_input: bool) -> Vec<f64> {
+        let x: Rows = if has_input {
+            tokens.iter().map(|t| self.linear("line.in", t)).collect()
+        } else {
+            tokens.clone()
+        };
+        let attended = self.attend("line.enc", &x, &x, heads);
+        let all: Rows = x
+            .iter()
+            .zip(attended)
+            .map(|(x, a)| {
+                let o = self.linear("line.enc.o", &a);
+                let sum: Vec<f64> = x.iter().zip(o).map(|(a, b)| a + b).collect();
+                let y = self.layer_norm("line.enc.ln1", &sum);
+                let hidden: Vec<f64> = self
+                    .linear("line.enc.ff1", &y)
+                    .into_iter()
+                    .map(gelu)
+                    .collect();
+                let z = self.linear("line.enc.ff2", &hidden);
+                let sum: Vec<f64> = y.iter().zip(z).map(|(a, b)| a + b).collect();
+                self.layer_norm("line.enc.ln2", &sum)
+            })
+            .collect();
+        all[0].clone()
+    }
+
+    /// Coordinates and reliability logit of the anchored networks for a unit descriptor.
+    fn anchored(
+        &self,
+        prefix: &str,
+        values: &str,
+        num_values: usize,
+        x: &[f64],
+    ) -> (Vec<f64>, f64) {
+        let keys = self.get(&format!("{prefix}.anchor.keys"));
+        let values = self.get(&format!("{prefix}.anchor.{values}"));
+        let sharpness = self.get(&format!("{prefix}.anchor.sharpness"))[0];
+        let similarities: Vec<f64> = keys
+            .chunks_exact(x.len())
+            .map(|k| {
+                let norm = k.iter().map(|v| v * v).sum::<f64>().sqrt();
+                k.iter().zip(x).map(|(a, b)| a * b).sum::<f64>() / norm
+            })
+            .collect();
+        let p = softmax(
+            &similarities
+                .iter()
+                .map(|s| s * sharpness)
+                .collect::<Vec<_>>(),
+        );
+        let mut chosen = vec![0.0; num_values];
+        for (p, v) in p.iter().zip(values.chunks_exact(num_values)) {
+            for (c, v) in chosen.iter_mut().zip(v) {
+                *c += p * v;
+            }
+        }
+        let spread: f64 = p
+            .iter()
+            .zip(values.chunks_exact(num_values))
+            .map(|(p, v)| {
+                p * v
+                    .iter()
+                    .zip(&chosen)
+                    .map(|(a, b)| (a - b).powi(2))
+                    .sum::<f64>()
+            })
+            .sum();
+        let mut sorted = similarities.clone();
+        sorted.sort_by(|a, b| b.total_cmp(a));
+        let entropy: f64 = p.iter().filter(|p| **p > 0.0).map(|p| -p * p.ln()).sum();
+        let statistics = [
+            sorted[0],
+            sorted[1],
+            sorted[0] - sorted[1],
+            entropy,
+            spread.sqrt(),
+        ];
+        let joined: Vec<f64> = x.iter().chain(&statistics).copied().collect();
+        if self.0.get(&format!("{prefix}.offset.0.w")).is_some() {
+            let offset = self.mlp(&format!("{prefix}.offset"), 2, &joined);
+            chosen.iter_mut().zip(offset).for_each(|(c, o)| *c += o);
+        }
+        (
+            chosen,
+            self.mlp(&format!("{prefix}.reliability"), 2, &joined)[0],
+        )
+    }
+}
+
+fn softmax(x: &[f64]) -> Vec<f64> {
+    let largest = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let e: Vec<f64> = x.iter().map(|v| (v - largest).exp()).collect();
+    let sum: f64 = e.iter().sum();
+    e.iter().map(|v| v / sum).collect()
+}
+
+fn gelu(x: f64) -> f64 {
+    0.5 * x * (1.0 + libm::erf(x / 2.0_f64.sqrt()))
+}
+
+/// Runs a graph on rows and returns an output's rows.
+fn run(graph: &Graph, made: &Weights, inputs: &[(&str, &str, &Rows, usize)]) -> OracleExecutor {
+    let mut net = OracleExecutor::new(graph.clone(), made.clone()).expect("weights fit");
+    for (count, name, rows, per) in inputs {
+        net.set_count(count, rows.len() / per).expect("fits");
+        let flat: Vec<f32> = rows.iter().flatten().map(|x| *x as f32).collect();
+        net.input(name).expect("input").copy_from_slice(&flat);
+    }
+    net.run().expect("runs");
+    net
+}
+
+/// Moves the last bias of a pruning MLP so that half of the elements survive.
+fn centre_logits(weights: &mut Weights, bias: &str, logits: &[f64]) {
+    let mut sorted = logits.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let half = sorted.len() / 2;
+    let middle = 0.5 * (sorted[half - 1] + sorted[half]);
+    let b = weights.get(bias).expect("present").to_f32()[0];
+    let tensor = WeightTensor::f32(&[1], vec![b - middle as f32]).expect("sizes agree");
+    weights.insert(bias, tensor);
+}
+
+fn assert_close(what: &str, got: &[f32], expected: &[f64]) {
+    assert_eq!(got.len(), expected.len(), "{what}: sizes");
+    let largest = expected.iter().fold(1.0_f64, |m, x| m.max(x.abs()));
+    for (i, (g, e)) in got.iter().zip(expected).enumerate() {
+        assert!(
+            (f64::from(*g) - e).abs() < 5e-6 * largest,
+            "{what} {i}: {g} instead of {e}"
+        );
+    }
+}
+
+fn point_config(descriptor_channels: usize) -> AttentionPointConfig {
+    AttentionPointConfig {
+        descriptor_channels,
+        width: 8,
+        heads: 2,
+        num_layers: 2,
+        mlp_hidden: 12,
+        prune_hidden: 5,
+        head_hidden: vec![7, 9],
+        min_confidence: 0.5,
+    }
+}
+
+fn line_config(descriptor_channels: usize) -> AttentionLineConfig {
+    AttentionLineConfig {
+        descriptor_channels,
+        tokens: 4,
+        width: 8,
+        heads: 2,
+        encoder_hidden: 10,
+        num_layers: 1,
+        mlp_hidden: 12,
+        prune_hidden: 5,
+        head_hidden: vec![7],
+        min_confidence: 0.5,
+    }
+}
+
+#[test]
+fn point_branch_equals_its_long_form_with_and_without_input_layer() {
+    for channels in [8, 6] {
+        let config = point_config(channels);
+        let mut weights = random_weights(&config.tensors(), 3);
+        let x = unit_rows(5, 30, channels);
+        let long = Long(&weights);
+        let inner: Rows = if channels == 8 {
+            x.clone()
+        } else {
+            x.iter().map(|r| long.linear("point.in", r)).collect()
+        };
+        let logits_of = |w: &Weights| -> Vec<f64> {
+            inner
+                .iter()
+                .map(|r| Long(w).mlp("point.prune", 2, r)[0])
+                .collect()
+        };
+        let logits = logits_of(&weights);
+        centre_logits(&mut weights, "point.prune.1.b", &logits);
+        let (logits, long) = (logits_of(&weights), Long(&weights));
+        let rows: Vec<usize> = (0..30).filter(|i| logits[*i] > 0.0).collect();
+        assert!(!rows.is_empty() && rows.len() < 30, "the case prunes some");
+        let mut kept: Rows = rows.iter().map(|i| inner[*i].clone()).collect();
+        for i in 0..2 {
+            kept = long.attention_layer(&format!("point.attn.{i}"), &kept, &kept, 2);
+        }
+        let expected: Vec<f64> = kept
+            .iter()
+            .flat_map(|r| long.mlp("point.head", 3, r))
+            .collect();
+
+        let branch = PointBranchConfig::Attention(config);
+        let made = branch.prepare(&mut weights.clone()).expect("prepares");
+        let graph = branch.graph(40).expect("builds");
+        let net = run(&graph, &made, &[(ports::POINTS, ports::DESCRIPTORS, &x, 1)]);
+        assert_close(
+            "logits",
+            net.output(ports::LOGITS).expect("output"),
+            &logits,
+        );
+        assert_close(
+            "points",
+            net.output(ports::COORDINATES).expect("output"),
+            &expected,
+        );
+        let got: Vec<usize> = net
+            .output(ports::ROWS)
+            .expect("output")
+            .iter()
+            .map(|r| *r as usize)
+            .collect();
+        assert_eq!(got, rows);
+    }
+}
+
+#[test]
+fn line_branch_with_one_query_equals_the_full_encoder() {
+    for channels in [8, 6] {
+        let config = line_config(channels);
+        let mut weights = random_weights(&config.tensors(), 7);
+        let tokens = unit_rows(11, 4 * 12, channels);
+        let long = Long(&weights);
+        let mut l: Rows = tokens
+            .chunks_exact(4)
+            .map(|t| long.line_encoder(&t.to_vec(), 2, channels != 8))
+            .collect();
+        l = long.attention_layer("line.attn.0", &l, &l, 2);
+        let logits_of = |w: &Weights| -> Vec<f64> {
+            l.iter()
+                .map(|r| Long(w).mlp("line.prune", 2, r)[0])
+                .collect()
+        };
+        let logits = logits_of(&weights);
+        centre_logits(&mut weights, "line.prune.1.b", &logits);
+        let (logits, long) = (logits_of(&weights), Long(&weights));
+        let expected: Vec<f64> = (0..12)
+            .filter(|i| logits[*i] > 0.0)
+            .flat_map(|i| long.mlp("line.head", 2, &l[i]))
+            .collect();
+
+        let branch = LineBranchConfig::Attention(config);
+        let made = branch.prepare(&mut weights.clone()).expect("prepares");
+        let graph = branch.graph(12).expect("builds");
+        let net = run(
+            &graph,
+            &made,
+            &[(ports::SEGMENTS, ports::TOKENS, &tokens, 4)],
+        );
+        assert_close(
+            "logits",
+            net.output(ports::LOGITS).expect("output"),
+            &logits,
+        );
+        assert_close(
+            "lines",
+            net.output(ports::COORDINATES).expect("output"),
+            &expected,
+        );
+    }
+}
+
+fn v1_config() -> V1Config {
+    V1Config {
+        descriptor_channels: 8,
+        tokens: 4,
+        width: 8,
+        heads: 2,
+        encoder_hidden: 10,
+        num_layers: 3,
+        mlp_hidden: 12,
+        point_head_hidden: vec![7],
+        line_head_hidden: vec![9],
+        ..V1Config::paper()
+    }
+}
+
+#[test]
+fn v1_equals_its_long_form_also_without_points_or_segments() {
+    let config = v1_config();
+    let weights = random_weights(&config.tensors(), 13);
+    let long = Long(&weights);
+    let made = config.prepare(&mut weights.clone()).expect("prepares");
+    let graph = config.graph(20, 10).expect("builds");
+    // Without sources the attention sum is empty, so the message is the bias of the merge.
+    for (num_points, num_segments) in [(9, 5), (9, 0), (0, 5), (1, 1)] {
+        let mut p = unit_rows(17, num_points, 8);
+        let tokens = unit_rows(19, 4 * num_segments, 8);
+        let mut l: Rows = tokens
+            .chunks_exact(4)
+            .map(|t| long.line_encoder(&t.to_vec(), 2, false))
+            .collect();
+        let x = p.clone();
+        for i in 0..3 {
+            let name = format!("joint.attn.{i}");
+            let (for_p, for_l) = if i % 2 == 0 { (&p, &l) } else { (&l, &p) };
+            let new_p = long.attention_layer(&name, &p, for_p, 2);
+            let new_l = long.attention_layer(&name, &l, for_l, 2);
+            (p, l) = (new_p, new_l);
+        }
+        let points: Vec<f64> = p
+            .iter()
+            .flat_map(|r| long.mlp("point.head", 2, r))
+            .collect();
+        let lines: Vec<f64> = l.iter().flat_map(|r| long.mlp("line.head", 2, r)).collect();
+        let net = run(
+            &graph,
+            &made,
+            &[
+                (ports::POINTS, ports::DESCRIPTORS, &x, 1),
+                (ports::SEGMENTS, ports::TOKENS, &tokens, 4),
+            ],
+        );
+        let what = format!("{num_points} points, {num_segments} segments");
+        assert_close(
+            &what,
+            net.output(ports::POINTS_3D).expect("output"),
+            &points,
+        );
+        assert_close(&what, net.output(ports::LINES_3D).expect("output"), &lines);
+    }
+}
+
+#[test]
+fn anchored_branches_equal_their_definition() {
+    for offset_hidden in [0, 4] {
+        let config = AnchoredPointConfig {
+            descriptor_channels: 6,
+            num_anchors: 20,
+            offset_hidden,
+            reliability_hidden: 5,
+        };
+        let weights = random_weights(&config.tensors(), 23);
+        let x = unit_rows(29, 15, 6);
+        let expected: Vec<_> = x
+            .iter()
+            .map(|r| Long(&weights).anchored("point", "positions", 3, r))
+            .collect();
+        let branch = PointBranchConfig::Anchored(config);
+        let made = branch.prepare(&mut weights.clone()).expect("prepares");
+        let net = run(
+            &branch.graph(15).expect("builds"),
+            &made,
+            &[(ports::POINTS, ports::DESCRIPTORS, &x, 1)],
+        );
+        let coordinates: Vec<f64> = expected.iter().flat_map(|e| e.0.clone()).collect();
+        let logits: Vec<f64> = expected.iter().map(|e| e.1).collect();
+        assert_close(
+            "points",
+            net.output(ports::COORDINATES).expect("output"),
+            &coordinates,
+        );
+        assert_close(
+            "logits",
+            net.output(ports::LOGITS).expect("output"),
+            &logits,
+        );
+
+        for (pool, key_channels) in [(LinePool::Mean, 6), (LinePool::Learned, 9)] {
+            let config = AnchoredLineConfig {
+                descriptor_channels: 6,
+                tokens: 4,
+                pool,
+                key_channels,
+                num_anchors: 20,
+                offset_hidden,
+                reliability_hidden: 5,
+            };
+            let weights = random_weights(&config.tensors(), 31);
+            let tokens = unit_rows(37, 4 * 8, 6);
+            let expected: Vec<_> = tokens
+                .chunks_exact(4)
+                .map(|t| {
+                    let pooled: Vec<f64> = match weights.get("line.pool.w") {
+                        None => (0..6)
+                            .map(|c| t.iter().map(|r| r[c]).sum::<f64>() / 4.0)
+                            .collect(),
+                        Some(w) => {
+                            let joined: Vec<f64> = t.iter().flatten().copied().collect();
+                            w.to_f32()
+                                .chunks_exact(24)
+                                .map(|row| {
+                                    row.iter()
+                                        .zip(&joined)
+                                        .map(|(w, x)| f64::from(*w) * x)
+                                        .sum()
+                                })
+                                .collect()
+                        }
+                    };
+                    let norm = pooled.iter().map(|v| v * v).sum::<f64>().sqrt();
+                    let unit: Vec<f64> = pooled.iter().map(|v| v / norm).collect();
+                    Long(&weights).anchored("line", "segments", 6, &unit)
+                })
+                .collect();
+            let branch = LineBranchConfig::Anchored(config);
+            let made = branch.prepare(&mut weights.clone()).expect("prepares");
+            let net = run(
+                &branch.graph(8).expect("builds"),
+                &made,
+                &[(ports::SEGMENTS, ports::TOKENS, &tokens, 4)],
+            );
+            let coordinates: Vec<f64> = expected.iter().flat_map(|e| e.0.clone()).collect();
+            assert_close(
+                "lines",
+                net.output(ports::COORDINATES).expect("output"),
+                &coordinates,
+            );
+        }
+    }
+}
+
+#[test]
+fn key_biases_do_not_matter() {
+    let config = v1_config();
+    let weights = random_weights(&config.tensors(), 41);
+    let mut other = weights.clone();
+    let names: Vec<String> = weights
+        .iter()
+        .map(|(name, _)| name.to_owned())
+        .filter(|name| name.ends_with(".k.b"))
+        .collect();
+    assert_eq!(names.len(), 4, "three layers and the line encoder");
+    let (long, x) = (Long(&weights), unit_rows(43, 6, 8));
+    let before = long.attention_layer("joint.attn.0", &x, &x, 2);
+    for name in names {
+        other.insert(
+            name,
+            WeightTensor::f32(&[8], vec![3.0, -1.0, 0.5, 2.0, 0.0, 7.0, 1.0, 4.0]).expect("sizes"),
+        );
+    }
+    let after = Long(&other).attention_layer("joint.attn.0", &x, &x, 2);
+    for (a, b) in before.iter().flatten().zip(after.iter().flatten()) {
+        assert!((a - b).abs() < 1e-12, "{a} {b}");
+    }
+    let made = config.prepare(&mut weights.clone()).expect("prepares");
+    assert_eq!(made, config.prepare(&mut other).expect("prepares"));
+}
+
+#[test]
+fn order_of_points_and_segments_only_orders_the_output() {
+    let config = point_config(8);
+    let weights = random_weights(&config.tensors(), 47);
+    let branch = PointBranchConfig::Attention(config);
+    let made = branch.prepare(&mut weights.clone()).expect("prepares");
+    let graph = branch.graph(16).expect("builds");
+    let x = unit_rows(53, 16, 8);
+    let reversed: Rows = x.iter().rev().cloned().collect();
+    let net = run(&graph, &made, &[(ports::POINTS, ports::DESCRIPTORS, &x, 1)]);
+    let other = run(
+        &graph,
+        &made,
+        &[(ports::POINTS, ports::DESCRIPTORS, &reversed, 1)],
+    );
+    let backwards: Vec<f64> = other
+        .output(ports::COORDINATES)
+        .expect("output")
+        .chunks_exact(3)
+        .rev()
+        .flatten()
+        .map(|v| f64::from(*v))
+        .collect();
+    assert_close(
+        "points",
+        net.output(ports::COORDINATES).expect("output"),
+        &backwards,
+    );
+}
+
+#[test]
+fn a_reversed_segment_is_another_segment_to_the_paper_and_the_same_one_to_the_mean() {
+    let tokens = unit_rows(59, 4, 8);
+    let reversed: Rows = tokens.iter().rev().cloned().collect();
+    let mut config = line_config(8);
+    config.min_confidence = 0.0;
+    let anchored = AnchoredLineConfig {
+        descriptor_channels: 8,
+        tokens: 4,
+        pool: LinePool::Mean,
+        key_channels: 8,
+        num_anchors: 10,
+        offset_hidden: 0,
+        reliability_hidden: 3,
+    };
+    for (branch, same) in [
+        (LineBranchConfig::Attention(config), false),
+        (LineBranchConfig::Anchored(anchored), true),
+    ] {
+        let made = branch
+            .prepare(&mut random_weights(&branch.tensors(), 61))
+            .expect("prepares");
+        let graph = branch.graph(1).expect("builds");
+        let out = |rows: &Rows| {
+            let net = run(&graph, &made, &[(ports::SEGMENTS, ports::TOKENS, rows, 4)]);
+            net.output(ports::COORDINATES).expect("output").to_vec()
+        };
+        let (a, b) = (out(&tokens), out(&reversed));
+        let differs = a.iter().zip(&b).any(|(a, b)| (a - b).abs() > 1e-3);
+        assert_ne!(differs, same, "{a:?} {b:?}");
+    }
+}
+
+#[test]
+fn none_and_one_survivor_are_fine() {
+    let mut config = point_config(8);
+    config.min_confidence = 0.999_999;
+    let branch = PointBranchConfig::Attention(config);
+    let specs = branch.tensors();
+    let mut weights = random_weights(&specs, 67);
+    let x = unit_rows(71, 6, 8);
+    let made = branch.prepare(&mut weights.clone()).expect("prepares");
+    let graph = branch.graph(6).expect("builds");
+    let net = run(&graph, &made, &[(ports::POINTS, ports::DESCRIPTORS, &x, 1)]);
+    assert!(net.output(ports::COORDINATES).expect("output").is_empty());
+    assert_eq!(net.output(ports::LOGITS).expect("output").len(), 6);
+    // A large bias keeps all of one point.
+    weights.insert(
+        "point.prune.1.b",
+        WeightTensor::f32(&[1], vec![50.0]).expect("sizes"),
+    );
+    let made = branch.prepare(&mut weights).expect("prepares");
+    let one = vec![x[0].clone()];
+    let net = run(
+        &graph,
+        &made,
+        &[(ports::POINTS, ports::DESCRIPTORS, &one, 1)],
+    );
+    assert_eq!(net.output(ports::COORDINATES).expect("output").len(), 3);
+}
+
+#[test]
+fn a_configuration_says_what_it_is() {
+    let v1 = RegressorConfig::V1(v1_config());
+    assert_eq!(v1.variant().name(), "v1");
+    assert_eq!(v1.line_tokens(), Some(4));
+    let points_only = RegressorConfig::Branches {
+        point: PointBranchConfig::Attention(point_config(8)),
+        line: None,
+    };
+    assert_eq!(points_only.line_tokens(), None);
+    assert!(
+        points_only
+            .tensors()
+            .iter()
+            .all(|t| t.name.starts_with("point."))
+    );
+}

@@ -77,7 +77,7 @@ async function loadScene(scene, name, isSample) {
     map.clear();
     view?.clear();
     view?.setTruth([]);
-    showScene(relocalizer.scene);
+    showScene(relocalizer.scene, name);
     showBackend();
     $("empty").hidden = true;
     status("wait", "Ready", "Choose a picture, a video or the camera.");
@@ -89,6 +89,7 @@ async function loadScene(scene, name, isSample) {
       status("warn", "Cancelled", "Load the sample again, or drop a scene file.");
       return false;
     }
+    bars.reset();
     const keeps = before !== undefined && state.relocalizer === before;
     showEmpty(keeps ? "The scene was not loaded" : "Not loaded", `${sentence(error.message)} ${error.hint ?? ""}`, { retry: true });
     status("bad", "Not loaded", sentence(error.message));
@@ -698,11 +699,6 @@ function wirePrivacy() {
 async function registerOffline() {
   if (!("serviceWorker" in navigator) || query.has("no-offline")) return;
   try {
-    navigator.serviceWorker.addEventListener("message", ({ data }) => {
-      if (data !== "landline-offline-ready") return;
-      const keep = performance.getEntriesByType("resource").map(({ name }) => name);
-      navigator.serviceWorker.controller?.postMessage({ keep: keep.filter((name) => name.startsWith(location.origin)) });
-    });
     await navigator.serviceWorker.register("./sw.js");
   } catch {
     // Without it the page needs the network at the next visit; nothing else changes.

@@ -18,13 +18,11 @@ const reasonWords = {
   "few-inliers": ["No position fits", "What is seen does not agree on one position. Move back, or show a larger part of the room."],
   degenerate: ["Too flat a view", "A single surface leaves the position open. Bring something else into view."],
   ambiguous: ["Two places look alike", "Several positions explain this picture. Show something that exists only once."],
-  "low-confidence": ["Not sure enough", "A position was found but not believed. Hold the camera still, or step back."],
   timeout: ["Ran out of time", "The search was cut short. Allow more time per frame, or use a smaller picture."],
 };
 
 const limitedWords = {
   lost: "position lost, looking again",
-  "low-confidence": "few things agree",
   jump: "the position jumped; waiting for agreement",
   "focal-uncertain": "the focal length is not certain yet",
 };
@@ -114,9 +112,10 @@ function showFacts(result, metric, error) {
   const q = result.quality;
   const k = result.intrinsics;
   const rows = [
-    ["Points", `${q.pointInliers} of ${q.pointCorrespondences} agree, ${q.keypoints} found`],
-    ["Lines", `${q.lineInliers} of ${q.lineCorrespondences} agree, ${q.segments} found`],
+    ["Points", `${q.pointInliers} of ${q.pointCorrespondences} agree`],
+    ["Lines", `${q.lineInliers} of ${q.lineCorrespondences} agree`],
   ];
+  rows.push(["Detected", `${q.keypoints} points, ${q.segments} lines`]);
   if (result.placement) {
     const { x, y, z } = result.placement.position;
     rows.unshift(["Position", [x, y, z].map((v) => v.toFixed(3)).join("  ") + (metric ? " m" : "")]);
@@ -142,9 +141,9 @@ export function facts(list, rows) {
   list.replaceChildren(...nodes);
 }
 
-export function showScene(info) {
+export function showScene(info, name) {
   const rows = [
-    ["Name", info.name || "unnamed"],
+    ["Name", name],
     ["Network", `${info.variant}, ${info.preset}`],
     ["Extractor", info.extractor],
     ["Size", bytes(info.bytes)],

@@ -1,11 +1,13 @@
 /**
- * Keeps the page for offline use. Its own files come from the network while there is one, so that an update shows at the
- * next visit; without a network they come from the cache. The weights are kept by the package itself.
+ * Keeps the page for offline use. Its files come from the network while there is one, so that an update shows at the
+ * next visit; without a network they come from the cache. Weights and scenes are not kept here: the package itself keeps
+ * them in a cache of its own that it checks.
  */
 const cacheName = "landline-page-v1";
+const isWeights = (path) => /\.(landline|safetensors|tgz)$/.test(path);
 
 self.addEventListener("install", (event) => {
-  event.waitUntil(self.skipWaiting());
+  event.waitUntil(keepPage().then(() => self.skipWaiting()));
 });
 
 self.addEventListener("activate", (event) => {
@@ -13,34 +15,23 @@ self.addEventListener("activate", (event) => {
     (async () => {
       for (const name of await caches.keys()) if (name.startsWith("landline-page-") && name !== cacheName) await caches.delete(name);
       await self.clients.claim();
-      // The visit that installs this worker has loaded its files before the worker could see them.
-      const cache = await caches.open(cacheName);
-      for (const client of await self.clients.matchAll({ type: "window" })) client.postMessage("landline-offline-ready");
-      await cache.add(new Request("./index.html", { cache: "reload" })).catch(() => {});
     })(),
   );
 });
 
-/** Addresses that the page has loaded before this worker was there. */
-self.addEventListener("message", (event) => {
-  const { keep } = event.data ?? {};
-  if (!Array.isArray(keep)) return;
-  event.waitUntil(
-    (async () => {
-      const cache = await caches.open(cacheName);
-      for (const url of keep) {
-        if (new URL(url).origin === self.location.origin && !(await cache.match(url))) await cache.add(url).catch(() => {});
-      }
-    })(),
-  );
-});
+/** `files.json` is written beside the page when it is built: every file with a hash of its content. */
+async function keepPage() {
+  const cache = await caches.open(cacheName);
+  const response = await fetch("./files.json", { cache: "no-cache" });
+  if (!response.ok) return;
+  const files = Object.keys(await response.json()).filter((path) => !isWeights(path) && /\.(html|js|css|svg|wasm|json|webmanifest|png|jpg|jpeg|webp)$/.test(path));
+  await cache.addAll(["./", ...files.map((path) => `./${path}`)]);
+}
 
 self.addEventListener("fetch", (event) => {
   const { request } = event;
   const url = new URL(request.url);
-  if (request.method !== "GET" || url.origin !== self.location.origin) return;
-  // The package keeps weights in a checked cache of its own.
-  if (/\.(landline|safetensors)$/.test(url.pathname)) return;
+  if (request.method !== "GET" || url.origin !== self.location.origin || isWeights(url.pathname)) return;
   event.respondWith(answer(request));
 });
 
@@ -51,7 +42,7 @@ async function answer(request) {
     if (response.ok && response.type === "basic") void cache.put(request, response.clone()).catch(() => {});
     return response;
   } catch (error) {
-    const hit = (await cache.match(request, { ignoreSearch: request.mode === "navigate" })) ?? (request.mode === "navigate" ? await cache.match("./index.html") : undefined);
+    const hit = (await cache.match(request, { ignoreSearch: request.mode === "navigate" })) ?? (request.mode === "navigate" ? await cache.match("./") : undefined);
     if (hit) return hit;
     throw error;
   }

@@ -27,7 +27,9 @@ export class MapView {
   #truth = new THREE.Group();
   #mapVersion = -1;
   #asked = false;
-  #framed = 0;
+  /** Until the user takes hold of the view it is framed anew as the map grows. */
+  #touched = false;
+  #framedRadius = 0;
   following = false;
 
   /** Throws where WebGL is missing. `up` is the scene's up direction. */
@@ -45,6 +47,7 @@ export class MapView {
     this.#controls.enableDamping = false;
     this.#controls.addEventListener("change", () => this.draw());
     this.#controls.addEventListener("start", () => {
+      this.#touched = true;
       this.following = false;
       this.onFollowEnd?.();
     });
@@ -88,7 +91,8 @@ export class MapView {
     this.#pathLine.geometry = new THREE.BufferGeometry();
     this.#frustum.visible = false;
     this.#picture.visible = false;
-    this.#framed = 0;
+    this.#touched = false;
+    this.#framedRadius = 0;
     this.draw();
   }
 
@@ -111,11 +115,7 @@ export class MapView {
       if (this.#path.length > maxPath) this.#path.shift();
       this.#pathLine.geometry.dispose();
       this.#pathLine.geometry = new THREE.BufferGeometry().setFromPoints(this.#path.map((p) => new THREE.Vector3(...p)));
-      // The first views of a place are framed anew as it grows; afterwards the view belongs to the user.
-      if (this.#framed < 4) {
-        this.#framed += 1;
-        this.reset();
-      }
+      if (!this.#touched && !this.following && this.#radius() > 1.03 * this.#framedRadius) this.reset();
       if (this.following) this.#follow(matrix);
     }
     this.draw();
@@ -127,12 +127,13 @@ export class MapView {
     const box = this.#box();
     if (box.isEmpty()) return;
     const center = box.getCenter(new THREE.Vector3());
-    const radius = Math.max(0.5, this.#radius());
+    this.#framedRadius = this.#radius();
+    const radius = Math.max(0.5, this.#framedRadius);
     const up = this.#camera.up;
     const side = Math.abs(up.x) < 0.8 ? new THREE.Vector3(1, 0, 0) : new THREE.Vector3(0, 0, 1);
     const across = side.addScaledVector(up, -side.dot(up)).normalize();
     const back = new THREE.Vector3().crossVectors(across, up).normalize();
-    const distance = (1.15 * radius) / Math.tan((Math.PI * this.#camera.fov) / 360) / Math.min(1, this.#camera.aspect);
+    const distance = (1.02 * radius) / Math.tan((Math.PI * this.#camera.fov) / 360) / Math.min(1, this.#camera.aspect);
     this.#camera.position.copy(center).addScaledVector(up, 0.62 * distance).addScaledVector(back, 0.7 * distance).addScaledVector(across, 0.35 * distance);
     this.#controls.target.copy(center);
     this.#controls.update();

@@ -3,7 +3,7 @@
 //! Models, parameter order and distortion polynomials are COLMAP's; pixels are corner-based.
 //! Undistortion is Newton on the exact Jacobian and is refused where the model folds over.
 
-use super::pixel::Pixel;
+use super::pixel::{Pixel, PixelMap};
 use nalgebra::{Vector2, Vector3};
 
 /// Projection model with COLMAP's parameter order; pixels corner-based.
@@ -333,6 +333,94 @@ impl Camera {
         camera
     }
 
+    /// The camera of the same picture after a resize or crop. Distortion acts before the focal length, so its parameters
+    /// stay; a model with one focal length becomes the one with two when the factors differ.
+    pub fn resized<To, From>(&self, map: &PixelMap<To, From>) -> Self {
+        let (sx, sy) = (map.scale_x, map.scale_y);
+        let end = map.apply(Pixel::new(f64::from(self.width), f64::from(self.height)));
+        let at = |cx: f64, cy: f64| {
+            let c = map.apply(Pixel::new(cx, cy));
+            (c.x, c.y)
+        };
+        let two = |fx: f64, fy: f64, cx: f64, cy: f64, k1: f64, k2: f64, p1: f64, p2: f64| {
+            let ((cx, cy), fx, fy) = (at(cx, cy), sx * fx, sy * fy);
+            CameraModel::OpenCv {
+                fx,
+                fy,
+                cx,
+                cy,
+                k1,
+                k2,
+                p1,
+                p2,
+            }
+        };
+        let model = match self.model {
+            CameraModel::SimplePinhole { f, cx, cy } if sx == sy => {
+                let (cx, cy) = at(cx, cy);
+                CameraModel::SimplePinhole { f: sx * f, cx, cy }
+            }
+            CameraModel::SimplePinhole { f, cx, cy } => {
+                let (cx, cy) = at(cx, cy);
+                CameraModel::Pinhole {
+                    fx: sx * f,
+                    fy: sy * f,
+                    cx,
+                    cy,
+                }
+            }
+            CameraModel::Pinhole { fx, fy, cx, cy } => {
+                let (cx, cy) = at(cx, cy);
+                CameraModel::Pinhole {
+                    fx: sx * fx,
+                    fy: sy * fy,
+                    cx,
+                    cy,
+                }
+            }
+            CameraModel::SimpleRadial { f, cx, cy, k } => two(f, f, cx, cy, k, 0.0, 0.0, 0.0),
+            CameraModel::Radial { f, cx, cy, k1, k2 } => two(f, f, cx, cy, k1, k2, 0.0, 0.0),
+            CameraModel::OpenCv {
+                fx,
+                fy,
+                cx,
+                cy,
+                k1,
+                k2,
+                p1,
+                p2,
+            } => two(fx, fy, cx, cy, k1, k2, p1, p2),
+            CameraModel::OpenCvFisheye {
+                fx,
+                fy,
+                cx,
+                cy,
+                k1,
+                k2,
+                k3,
+                k4,
+            } => {
+                let (cx, cy) = at(cx, cy);
+                CameraModel::OpenCvFisheye {
+                    fx: sx * fx,
+                    fy: sy * fy,
+                    cx,
+                    cy,
+                    k1,
+                    k2,
+                    k3,
+                    k4,
+                }
+            }
+        };
+        // Maps between pictures are made from whole pixels; rounding takes away the last digits.
+        Self {
+            width: libm::round(end.x) as u32,
+            height: libm::round(end.y) as u32,
+            model,
+        }
+    }
+
     /// Principal point.
     pub fn principal_point(&self) -> Pixel {
         match self.model {
@@ -398,6 +486,29 @@ impl Camera {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_resized_camera_projects_to_the_resized_pixel() {
+        let map: PixelMap<super::super::Working, super::super::Sensor> =
+            PixelMap::from_scale(640.0 / 1279.0, 361.0 / 721.0);
+        let p = Vector3::new(0.4, -0.2, 1.3);
+        let (f, cx, cy, k): (f64, f64, f64, f64) = (900.0, 630.0, 365.0, 0.05);
+        for model in [
+            CameraModel::SimplePinhole { f, cx, cy },
+            CameraModel::Pinhole { fx: f, fy: 880.0, cx, cy },
+            CameraModel::SimpleRadial { f, cx, cy, k },
+            CameraModel::Radial { f, cx, cy, k1: k, k2: -0.01 },
+            CameraModel::OpenCv { fx: f, fy: 880.0, cx, cy, k1: k, k2: 0.0, p1: 0.001, p2: 0.002 },
+            CameraModel::OpenCvFisheye { fx: f, fy: f, cx, cy, k1: k, k2: 0.0, k3: 0.0, k4: 0.0 },
+        ] {
+            let camera = Camera { width: 1279, height: 721, model };
+            let resized = camera.resized(&map);
+            assert_eq!((resized.width, resized.height), (640, 361));
+            let expected = map.apply(camera.pixel_from_cam(&p).expect("in front"));
+            let found = resized.pixel_from_cam(&p).expect("in front");
+            assert!(found.distance(expected) < 1e-9, "{model:?}");
+        }
+    }
 
     fn models() -> Vec<Camera> {
         [

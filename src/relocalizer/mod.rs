@@ -1,6 +1,457 @@
-//! To be written.
+//! The pipeline: a frame in, located or not out.
+//!
+//! * **In and out**: a [`FrameView`] and what is known about its camera; a [`Report`]. That a frame is not located is a
+//!   result with a reason, not an error.
+//! * **Spaces and units**: the caller deals in pixels of the frame and in the world; detection, extraction and the solver work
+//!   in pixels of the working image, so that thresholds mean the same for every camera.
+//! * **Method**: grey, resize, extractor, segments, the scene's two branches, correspondences, solver; over several frames a
+//!   prior from the last pose, a state, smoothing, and the remembered focal length of cameras that nobody calibrated.
+//! * **Invariants**: the same frame, options and seed give the same pose, natively and in the browser; the core reads no clock
+//!   of its own.
+//! * **Cost**: all buffers are kept from frame to frame; a change of the working size builds the extractor's plan anew.
 
-pub mod focal;
-pub mod smoothing;
-pub mod timings;
-pub mod tracking;
+mod correspond;
+mod error;
+mod focal;
+mod front_end;
+mod options;
+mod result;
+mod smoothing;
+mod timings;
+mod tracking;
+
+pub use error::{CreateError, LocateError};
+pub use focal::{FocalBelief, FocalMemory};
+pub use front_end::{FrontEnd, FrontEndOptions};
+pub use options::{CameraSource, Query, RelocalizerOptions};
+pub use result::{Counts, Localization, NotLocated, Outcome, Report};
+pub use smoothing::{PoseFilter, Smoothing};
+pub use timings::StageTimings;
+pub use tracking::{LimitedReason, Track, TrackState};
+
+use crate::geometry::{CamFromWorld, Camera, Segment2};
+use crate::image::FrameView;
+use crate::pose::{
+    self, Focal, LineCorrespondence, PointCorrespondence, PoseOptions, PoseScratch, PriorPose,
+};
+use crate::regress::{Predictions, Regressor};
+use crate::scene_file::{ExtractorFile, SceneFile, SceneInfo};
+use timings::Stopwatch;
+
+/// Focal length divided by the longer side where nothing is known: the middle of phones' video cameras.
+const ASSUMED_FOCAL: f64 = 0.85;
+/// Fewer features than this are not worth a look.
+const MIN_FEATURES: usize = 8;
+/// A focal length known worse than this makes tracking limited.
+const MAX_TRACKED_SIGMA_LN: f64 = 0.05;
+/// Nats of evidence above chance that make a pose 63 % sure, 95 % at three times as much.
+const EVIDENCE_SCALE: f64 = 10.0;
+
+/// Finds cameras in one scene.
+#[derive(Debug)]
+pub struct Relocalizer {
+    info: SceneInfo,
+    options: RelocalizerOptions,
+    front_end: FrontEnd,
+    regressor: Regressor,
+    predictions: Predictions,
+    order: Vec<(f32, usize)>,
+    points: Vec<PointCorrespondence>,
+    lines: Vec<LineCorrespondence>,
+    is_point_inlier: Vec<bool>,
+    is_line_inlier: Vec<bool>,
+    errors_px: Vec<f32>,
+    pose: PoseScratch,
+    track: Track,
+    filter: PoseFilter,
+    focal: FocalMemory,
+}
+
+impl Relocalizer {
+    /// Builds the networks of a scene and its extractor. `change` may alter the options that follow from the scene.
+    ///
+    /// # Errors
+    /// [`CreateError`] when the two files do not belong together or an option has no meaning.
+    pub fn new(
+        scene: SceneFile,
+        extractor: ExtractorFile,
+        change: impl FnOnce(&mut RelocalizerOptions),
+    ) -> Result<Self, CreateError> {
+        scene
+            .check_extractor(&extractor)
+            .map_err(CreateError::Scene)?;
+        let mut options = RelocalizerOptions::new(extractor.kind);
+        options.max_side = scene.info.working_max_side as usize;
+        change(&mut options);
+        options.pose.validate()?;
+        let front_end = FrontEnd::new(
+            extractor,
+            FrontEndOptions {
+                max_side: options.max_side,
+                keypoints: options.keypoints,
+                lsd: options.lsd,
+                min_segment_px: options.min_segment_px,
+                max_segments: options.max_segments,
+                tokens: scene.config.line_tokens().unwrap_or(2),
+                sampler: scene.info.sampler,
+            },
+        )?;
+        let info = scene.info.clone();
+        let regressor = Regressor::new(
+            &scene.config,
+            scene.weights,
+            info.scale,
+            options.keypoints.max_keypoints,
+            options.max_segments,
+        )
+        .map_err(CreateError::Networks)?;
+        Ok(Self {
+            info,
+            options,
+            front_end,
+            regressor,
+            predictions: Predictions::default(),
+            order: Vec::new(),
+            points: Vec::new(),
+            lines: Vec::new(),
+            is_point_inlier: Vec::new(),
+            is_line_inlier: Vec::new(),
+            errors_px: Vec::new(),
+            pose: PoseScratch::default(),
+            track: Track::default(),
+            filter: PoseFilter::default(),
+            focal: FocalMemory::default(),
+        })
+    }
+
+    /// [`Self::new`] from the bytes of the two files.
+    ///
+    /// # Errors
+    /// [`CreateError`].
+    pub fn from_bytes(
+        scene: &[u8],
+        extractor: &[u8],
+        change: impl FnOnce(&mut RelocalizerOptions),
+    ) -> Result<Self, CreateError> {
+        let scene = SceneFile::from_bytes(scene).map_err(CreateError::Scene)?;
+        let extractor = ExtractorFile::from_bytes(extractor).map_err(CreateError::Extractor)?;
+        Self::new(scene, extractor, change)
+    }
+
+    /// What the scene file says about itself.
+    pub fn scene_info(&self) -> &SceneInfo {
+        &self.info
+    }
+
+    /// The options in use.
+    pub fn options(&self) -> &RelocalizerOptions {
+        &self.options
+    }
+
+    /// Changes options between frames. What concerns the shape of the networks (keypoints, detector, segments) stays as it
+    /// was when the relocalizer was made.
+    ///
+    /// # Errors
+    /// [`CreateError`] when an option has no meaning; nothing has changed then.
+    pub fn set_options(
+        &mut self,
+        change: impl FnOnce(&mut RelocalizerOptions),
+    ) -> Result<(), CreateError> {
+        let mut options = self.options;
+        change(&mut options);
+        options.pose.validate()?;
+        self.front_end.set_max_side(options.max_side)?;
+        self.options = RelocalizerOptions {
+            keypoints: self.options.keypoints,
+            lsd: self.options.lsd,
+            min_segment_px: self.options.min_segment_px,
+            max_segments: self.options.max_segments,
+            ..options
+        };
+        Ok(())
+    }
+
+    /// Forgets where the camera was. What was learned about focal lengths stays.
+    pub fn reset(&mut self) {
+        self.track = Track::default();
+        self.filter.reset();
+    }
+
+    /// Locates one frame. `clock` tells milliseconds, for timings and the time budget.
+    ///
+    /// # Errors
+    /// [`LocateError`] for a frame or camera that makes no sense.
+    pub fn locate(
+        &mut self,
+        frame: &FrameView<'_>,
+        query: &Query<'_>,
+        clock: &mut dyn FnMut() -> f64,
+    ) -> Result<Report, LocateError> {
+        let (sensor_camera, source, focal) = self.camera_for(frame, query)?;
+        let mut stopwatch = Stopwatch::start(clock);
+        let mut timings = StageTimings::default();
+        let stages = self.front_end.run_timed(frame, &mut stopwatch)?;
+        timings.preprocess_ms = stages.preprocess_ms;
+        timings.features_ms = stages.features_ms;
+        timings.lines_ms = stages.lines_ms;
+
+        let features = self.front_end.features();
+        self.regressor.run(features, &mut self.predictions)?;
+        timings.regress_ms = stopwatch.lap();
+
+        correspond::from_predictions(
+            features,
+            &self.predictions,
+            &self.options,
+            &mut self.order,
+            &mut self.points,
+            &mut self.lines,
+        );
+        let mut counts = Counts {
+            num_keypoints: features.keypoints.len(),
+            num_segments: features.segments.len(),
+            num_point_correspondences: self.points.len(),
+            num_line_correspondences: self.lines.len(),
+            ..Counts::default()
+        };
+        let working = self.front_end.working_from_sensor();
+        let camera = sensor_camera.resized(&working);
+        let options = PoseOptions {
+            focal,
+            gravity: query.gravity,
+            prior: self.prior(query),
+            ..self.options.pose
+        };
+        let solved = pose::estimate(
+            &self.points,
+            &self.lines,
+            &camera,
+            &options,
+            &mut self.pose,
+            stopwatch.clock(),
+        )?;
+
+        let found = solved.located().copied();
+        let reason = if found.is_some() {
+            None
+        } else if counts.num_keypoints + counts.num_segments < MIN_FEATURES {
+            Some(NotLocated::FewFeatures)
+        } else {
+            Some(NotLocated::from_status(solved.status).unwrap_or(NotLocated::FewInliers))
+        };
+        let mut report_camera = sensor_camera;
+        let mut report_source = source;
+        let mut focal_sigma_ln = None;
+        let outcome = if let Some(estimate) = found {
+            if focal != Focal::Known {
+                let factor = estimate.camera.focal_px().0 / camera.focal_px().0;
+                report_camera = sensor_camera.with_focal_scaled(factor);
+                let sigma_ln = estimate.sigma_focal_px / estimate.camera.focal_px().0;
+                focal_sigma_ln = Some(sigma_ln);
+                if report_source == CameraSource::Assumed {
+                    report_source = CameraSource::Estimated;
+                }
+                let per_width = report_camera.focal_px().0 / f64::from(frame.width);
+                self.focal.learn(query.camera_name, per_width, sigma_ln);
+            }
+            let median_error_px = self.mark_inliers() / (0.5 * (working.scale_x + working.scale_y));
+            counts.num_point_inliers = count(&self.is_point_inlier);
+            counts.num_line_inliers = count(&self.is_line_inlier);
+            let smoothed = self.follow(&estimate.cam_from_world, query, focal_sigma_ln);
+            Outcome::Located(Localization {
+                cam_from_world: estimate.cam_from_world,
+                smoothed,
+                estimate,
+                median_error_px,
+                confidence: 1.0 - libm::exp(-estimate.log_evidence.max(0.0) / EVIDENCE_SCALE),
+            })
+        } else {
+            mark(&[], self.points.len(), &mut self.is_point_inlier);
+            mark(&[], self.lines.len(), &mut self.is_line_inlier);
+            if query.tracking {
+                self.track.missed();
+            }
+            Outcome::NotLocated(reason.unwrap_or(NotLocated::FewInliers))
+        };
+        timings.solve_ms = stopwatch.lap();
+        timings.total_ms = stopwatch.total();
+        let state = match (query.tracking, &outcome) {
+            (true, _) => self.track.state(),
+            (false, Outcome::Located(_)) => TrackState::Tracking,
+            (false, Outcome::NotLocated(_)) => TrackState::Searching,
+        };
+        Ok(Report {
+            outcome,
+            camera: report_camera,
+            camera_source: report_source,
+            focal_sigma_ln,
+            counts,
+            state,
+            pose_stats: solved.stats,
+            timings,
+        })
+    }
+
+    /// Point correspondences of the last frame, in pixels of the frame, and whether they agree with the pose.
+    pub fn points(&self) -> impl Iterator<Item = (PointCorrespondence, bool)> + '_ {
+        let sensor = self.front_end.working_from_sensor().inverse();
+        self.points
+            .iter()
+            .zip(&self.is_point_inlier)
+            .map(move |(c, is_inlier)| {
+                let pixel = sensor.apply(c.pixel);
+                (PointCorrespondence { pixel, ..*c }, *is_inlier)
+            })
+    }
+
+    /// Line correspondences of the last frame, in pixels of the frame, and whether they agree with the pose.
+    pub fn lines(&self) -> impl Iterator<Item = (LineCorrespondence, bool)> + '_ {
+        let sensor = self.front_end.working_from_sensor().inverse();
+        self.lines
+            .iter()
+            .zip(&self.is_line_inlier)
+            .map(move |(c, is_inlier)| {
+                let (start, end) = (sensor.apply(c.start), sensor.apply(c.end));
+                (LineCorrespondence { start, end, ..*c }, *is_inlier)
+            })
+    }
+
+    /// Segments of the last frame, in pixels of the frame.
+    pub fn segments(&self) -> impl Iterator<Item = Segment2> + '_ {
+        let sensor = self.front_end.working_from_sensor().inverse();
+        self.front_end
+            .features()
+            .segments
+            .iter()
+            .map(move |s| s.mapped(&sensor))
+    }
+
+    /// Intrinsics to start from, where they come from, and how free the focal length is.
+    fn camera_for(
+        &self,
+        frame: &FrameView<'_>,
+        query: &Query<'_>,
+    ) -> Result<(Camera, CameraSource, Focal), LocateError> {
+        frame.check()?;
+        if !query.timestamp_ms.is_finite() {
+            return Err(LocateError::Timestamp(query.timestamp_ms));
+        }
+        let (width, height) = (frame.width, frame.height);
+        if let Some(camera) = query.camera {
+            camera.validate()?;
+            if (camera.width, camera.height) != (width, height) {
+                return Err(LocateError::CameraSize {
+                    camera_width: camera.width,
+                    camera_height: camera.height,
+                    width,
+                    height,
+                });
+            }
+            let focal = match query.camera_source.sigma_ln() {
+                None => Focal::Known,
+                Some(sigma_ln) => Focal::Refine { sigma_ln },
+            };
+            return Ok((camera, query.camera_source, focal));
+        }
+        if let Some(belief) = self.focal.belief(query.camera_name) {
+            let f = belief.focal_per_width * f64::from(width);
+            let focal = if belief.is_frozen() {
+                Focal::Known
+            } else {
+                Focal::Refine {
+                    sigma_ln: belief.sigma_ln,
+                }
+            };
+            let camera = Camera::centered(width, height, f);
+            return Ok((camera, CameraSource::Remembered, focal));
+        }
+        let f = ASSUMED_FOCAL * f64::from(width.max(height));
+        let camera = Camera::centered(width, height, f);
+        Ok((camera, CameraSource::Assumed, Focal::Unknown))
+    }
+
+    fn prior(&self, query: &Query<'_>) -> Option<PriorPose> {
+        if !query.tracking {
+            return self.options.pose.prior;
+        }
+        let cam_from_world = self.track.prior(query.timestamp_ms)?;
+        Some(PriorPose {
+            cam_from_world,
+            covariance: None,
+        })
+    }
+
+    /// Updates the state over frames; the smoothed pose when smoothing is on.
+    fn follow(
+        &mut self,
+        cam_from_world: &CamFromWorld,
+        query: &Query<'_>,
+        focal_sigma_ln: Option<f64>,
+    ) -> Option<CamFromWorld> {
+        if !query.tracking {
+            return None;
+        }
+        let doubt = focal_sigma_ln
+            .filter(|sigma| *sigma > MAX_TRACKED_SIGMA_LN)
+            .map(|_| LimitedReason::FocalUncertain);
+        if self
+            .track
+            .located(cam_from_world, query.timestamp_ms, doubt)
+        {
+            self.filter.reset();
+        }
+        self.filter
+            .apply(self.options.smoothing, cam_from_world, query.timestamp_ms)
+    }
+
+    /// Marks what agrees with the pose; the median error of what does, in pixels of the working image.
+    fn mark_inliers(&mut self) -> f64 {
+        let inliers = self.pose.inliers();
+        mark(
+            &inliers.points,
+            self.points.len(),
+            &mut self.is_point_inlier,
+        );
+        mark(&inliers.lines, self.lines.len(), &mut self.is_line_inlier);
+        let points = self
+            .pose
+            .point_errors_px()
+            .iter()
+            .zip(&self.is_point_inlier);
+        let lines = self.pose.line_errors_px().iter().zip(&self.is_line_inlier);
+        self.errors_px.clear();
+        self.errors_px
+            .extend(points.filter(|(_, is_inlier)| **is_inlier).map(|(e, _)| *e));
+        // A line has an error at each end; their mean is comparable with a point's.
+        self.errors_px.extend(
+            lines
+                .filter(|(_, is_inlier)| **is_inlier)
+                .map(|([a, b], _)| 0.5 * (a + b)),
+        );
+        if self.errors_px.is_empty() {
+            return 0.0;
+        }
+        let middle = self.errors_px.len() / 2;
+        f64::from(
+            *self
+                .errors_px
+                .select_nth_unstable_by(middle, f32::total_cmp)
+                .1,
+        )
+    }
+}
+
+/// Flags from indices.
+fn mark(indices: &[u32], num: usize, flags: &mut Vec<bool>) {
+    flags.clear();
+    flags.resize(num, false);
+    for i in indices {
+        if let Some(flag) = flags.get_mut(*i as usize) {
+            *flag = true;
+        }
+    }
+}
+
+fn count(flags: &[bool]) -> usize {
+    flags.iter().filter(|f| **f).count()
+}

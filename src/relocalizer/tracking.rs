@@ -19,8 +19,6 @@ pub enum TrackState {
 pub enum LimitedReason {
     /// The last frames were not located.
     Lost,
-    /// The position is known badly.
-    LowConfidence,
     /// The position is far from the one before; the next frame has to confirm it.
     Jump,
     /// The focal length is still a guess, and distances with it.

@@ -15,9 +15,9 @@ import type {
 const layoutVersion = 1;
 const headerLength = 100;
 
-const reasons: readonly NotLocatedReason[] = ["few-features", "few-correspondences", "few-inliers", "degenerate", "ambiguous", "low-confidence", "timeout"];
+const reasons: readonly NotLocatedReason[] = ["few-features", "few-correspondences", "few-inliers", "degenerate", "ambiguous", "timeout"];
 const states: readonly TrackingState[] = ["searching", "tracking", "limited"];
-const limits: readonly LimitedReason[] = ["lost", "low-confidence", "jump", "focal-uncertain"];
+const limits: readonly LimitedReason[] = ["lost", "jump", "focal-uncertain"];
 const sources: readonly IntrinsicsSource[] = ["given", "track", "exif", "remembered", "estimated", "assumed"];
 const backends: readonly Backend[] = ["cpu", "webgpu"];
 

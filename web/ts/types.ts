@@ -67,8 +67,6 @@ export type NotLocatedReason =
   | "degenerate"
   /** Several positions explain the picture equally well. */
   | "ambiguous"
-  /** A position was found, but it is not good enough to be believed. */
-  | "low-confidence"
   /** The time budget ran out first. */
   | "timeout";
 
@@ -76,7 +74,7 @@ export type NotLocatedReason =
 export type TrackingState = "searching" | "tracking" | "limited";
 
 /** Why tracking is limited. */
-export type LimitedReason = "lost" | "low-confidence" | "jump" | "focal-uncertain";
+export type LimitedReason = "lost" | "jump" | "focal-uncertain";
 
 /** Where the camera is. Every matrix is 4x4. */
 export interface Placement {
@@ -245,7 +243,6 @@ export type ProgressEvent =
 
 /** What a scene file says about itself. */
 export interface SceneInfo {
-  name: string;
   variant: string;
   preset: string;
   extractor: string;

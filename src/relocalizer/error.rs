@@ -1,0 +1,97 @@
+//! What can go wrong. That a frame is not located is a result, not an error.
+
+use crate::features::FeatureError;
+use crate::geometry::CameraError;
+use crate::image::ImageError;
+use crate::lsd::LsdError;
+use crate::pose::PoseError;
+use crate::regress::RegressError;
+use crate::scene_file::SceneFileError;
+
+/// Why a relocalizer cannot be made.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CreateError {
+    /// The scene file is refused, or does not fit the extractor.
+    #[error("scene file: {0}")]
+    Scene(#[source] SceneFileError),
+    /// The extractor's file is refused.
+    #[error("extractor file: {0}")]
+    Extractor(#[source] SceneFileError),
+    /// The extractor's network cannot be built.
+    #[error("extractor: {0}")]
+    Features(#[source] FeatureError),
+    /// The scene's networks cannot be built.
+    #[error("scene networks: {0}")]
+    Networks(#[source] RegressError),
+    /// An option has no meaning.
+    #[error("option {name} is {value}; it must be {expected}")]
+    Option {
+        /// Field of the options.
+        name: &'static str,
+        /// What it was.
+        value: f64,
+        /// What it may be.
+        expected: &'static str,
+    },
+    /// An option of the solver has no meaning.
+    #[error(transparent)]
+    Pose(#[from] PoseError),
+}
+
+/// Why a frame cannot be processed.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum LocateError {
+    /// Size and bytes of the frame do not agree.
+    #[error("frame: {0}")]
+    Frame(#[from] ImageError),
+    /// The frame is too small or too long and thin for the extractor.
+    #[error(
+        "a frame of {width}x{height} pixels becomes {working_width}x{working_height} in processing; {min_side} on each side are needed"
+    )]
+    FrameTooSmall {
+        /// Width of the frame.
+        width: u32,
+        /// Height of the frame.
+        height: u32,
+        /// Width after resizing.
+        working_width: usize,
+        /// Height after resizing.
+        working_height: usize,
+        /// Smallest side.
+        min_side: usize,
+    },
+    /// The intrinsics make no sense.
+    #[error("camera: {0}")]
+    Camera(#[from] CameraError),
+    /// The intrinsics are for another size of picture.
+    #[error(
+        "the intrinsics are for {camera_width}x{camera_height} pixels, the frame has {width}x{height}"
+    )]
+    CameraSize {
+        /// Width that the intrinsics are for.
+        camera_width: u32,
+        /// Height that they are for.
+        camera_height: u32,
+        /// Width of the frame.
+        width: u32,
+        /// Height of the frame.
+        height: u32,
+    },
+    /// The time of the frame is not a number.
+    #[error("the frame's timestamp is {0}")]
+    Timestamp(f64),
+    /// An option of the solver has no meaning.
+    #[error("solver: {0}")]
+    Pose(#[from] PoseError),
+    /// The segment detector refused.
+    #[error("segments: {0}")]
+    Segments(#[from] LsdError),
+    /// The extractor refused.
+    #[error("features: {0}")]
+    Features(#[from] FeatureError),
+    /// The scene's networks refused.
+    #[error("scene networks: {0}")]
+    Regress(#[from] RegressError),
+}

@@ -1,0 +1,267 @@
+//! From a frame to its features: the part of the pipeline that localisation and training share.
+
+use super::error::{CreateError, LocateError};
+use super::timings::Stopwatch;
+use crate::features::{Extractor, ExtractorOptions, FeatureSet, KeypointParams};
+use crate::geometry::{Segment2, WorkingFromSensor};
+use crate::image::{FrameView, GrayImage, gray_from_frame, working_from_gray};
+use crate::lsd::{self, LsdParams, LsdScratch};
+use crate::models::{ExtractorKind, Sampler};
+use crate::scene_file::ExtractorFile;
+
+/// How features are made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FrontEndOptions {
+    /// Longest side of the working image in pixels.
+    pub max_side: usize,
+    /// Selection of keypoints.
+    pub keypoints: KeypointParams,
+    /// Line segment detector.
+    pub lsd: LsdParams,
+    /// Shorter segments are dropped; pixels of the working image.
+    pub min_segment_px: f64,
+    /// Most segments of a frame; the longest are kept, in the detector's order.
+    pub max_segments: usize,
+    /// Descriptor samples along a segment.
+    pub tokens: usize,
+    /// How descriptors are read.
+    pub sampler: Sampler,
+}
+
+impl FrontEndOptions {
+    /// Defaults for an extractor.
+    pub fn new(extractor: ExtractorKind) -> Self {
+        let extractor = ExtractorOptions::new(extractor);
+        Self {
+            max_side: 640,
+            keypoints: KeypointParams {
+                max_keypoints: 1024,
+                ..extractor.keypoints
+            },
+            lsd: LsdParams::default(),
+            min_segment_px: 20.0,
+            max_segments: 300,
+            tokens: extractor.tokens,
+            sampler: extractor.sampler,
+        }
+    }
+}
+
+/// Milliseconds of the stages in here.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct FrontEndTimings {
+    pub(super) preprocess_ms: f64,
+    pub(super) features_ms: f64,
+    pub(super) lines_ms: f64,
+}
+
+/// Owns the extractor and every buffer between the frame and its features.
+#[derive(Debug)]
+pub struct FrontEnd {
+    extractor: Extractor,
+    options: FrontEndOptions,
+    lsd: LsdScratch,
+    gray: GrayImage,
+    working: GrayImage,
+    segments: Vec<Segment2>,
+    lengths: Vec<f64>,
+    features: FeatureSet,
+    working_from_sensor: WorkingFromSensor,
+}
+
+impl FrontEnd {
+    /// Takes the extractor's weights.
+    ///
+    /// # Errors
+    /// [`CreateError::Features`] when they do not fit, [`CreateError::Option`] for options without a meaning.
+    pub fn new(file: ExtractorFile, options: FrontEndOptions) -> Result<Self, CreateError> {
+        check(&options, file.kind)?;
+        let extractor = Extractor::new(
+            file.kind,
+            file.weights,
+            ExtractorOptions {
+                keypoints: options.keypoints,
+                max_segments: options.max_segments,
+                tokens: options.tokens,
+                sampler: options.sampler,
+            },
+        )
+        .map_err(CreateError::Features)?;
+        Ok(Self {
+            extractor,
+            options,
+            lsd: LsdScratch::default(),
+            gray: GrayImage::default(),
+            working: GrayImage::default(),
+            segments: Vec::new(),
+            lengths: Vec::new(),
+            features: FeatureSet::default(),
+            working_from_sensor: WorkingFromSensor::from_scale(1.0, 1.0),
+        })
+    }
+
+    /// Which extractor it runs.
+    pub fn extractor(&self) -> ExtractorKind {
+        self.extractor.kind()
+    }
+
+    /// Changes the size of the working image. The networks are built anew at the next frame.
+    ///
+    /// # Errors
+    /// [`CreateError::Option`] when no picture of that size can be processed.
+    pub fn set_max_side(&mut self, max_side: usize) -> Result<(), CreateError> {
+        let options = FrontEndOptions {
+            max_side,
+            ..self.options
+        };
+        check(&options, self.extractor.kind())?;
+        self.options = options;
+        Ok(())
+    }
+
+    /// Features of a frame, in pixels of the working image.
+    ///
+    /// # Errors
+    /// [`LocateError`] for a frame whose size and bytes disagree, or that is too small.
+    pub fn run(&mut self, frame: &FrameView<'_>) -> Result<&FeatureSet, LocateError> {
+        let mut no_clock = || 0.0;
+        self.run_timed(frame, &mut Stopwatch::start(&mut no_clock))?;
+        Ok(&self.features)
+    }
+
+    pub(super) fn run_timed(
+        &mut self,
+        frame: &FrameView<'_>,
+        stopwatch: &mut Stopwatch<'_>,
+    ) -> Result<FrontEndTimings, LocateError> {
+        let mut timings = FrontEndTimings::default();
+        gray_from_frame(frame, &mut self.gray)?;
+        self.working_from_sensor =
+            working_from_gray(&self.gray.view(), self.options.max_side, &mut self.working)?;
+        let min_side = self.extractor.kind().min_side();
+        if self.working.width < min_side || self.working.height < min_side {
+            return Err(LocateError::FrameTooSmall {
+                width: frame.width,
+                height: frame.height,
+                working_width: self.working.width,
+                working_height: self.working.height,
+                min_side,
+            });
+        }
+        timings.preprocess_ms = stopwatch.lap();
+        let working = self.working.view();
+        self.extractor.run_dense(&working)?;
+        timings.features_ms = stopwatch.lap();
+        let found = lsd::detect(&working, &self.options.lsd, &mut self.lsd)?;
+        longest(
+            found,
+            self.options.min_segment_px,
+            self.options.max_segments,
+            &mut self.lengths,
+            &mut self.segments,
+        );
+        timings.lines_ms = stopwatch.lap();
+        self.extractor.select(&mut self.features.keypoints)?;
+        self.extractor
+            .describe(&self.segments, &mut self.features)?;
+        timings.features_ms += stopwatch.lap();
+        Ok(timings)
+    }
+
+    /// Features of the last frame, in pixels of the working image.
+    pub fn features(&self) -> &FeatureSet {
+        &self.features
+    }
+
+    /// From the last frame to its working image.
+    pub fn working_from_sensor(&self) -> WorkingFromSensor {
+        self.working_from_sensor
+    }
+}
+
+fn check(options: &FrontEndOptions, extractor: ExtractorKind) -> Result<(), CreateError> {
+    let min_side = extractor.min_side();
+    if !(min_side..=8192).contains(&options.max_side) {
+        return Err(CreateError::Option {
+            name: "max_side",
+            value: options.max_side as f64,
+            expected: "between the extractor's smallest side (32 for XFeat) and 8192",
+        });
+    }
+    if options.min_segment_px.is_nan() || options.min_segment_px < 0.0 {
+        return Err(CreateError::Option {
+            name: "min_segment_px",
+            value: options.min_segment_px,
+            expected: "zero or positive",
+        });
+    }
+    options.lsd.check().map_err(|_| CreateError::Option {
+        name: "lsd",
+        value: options.lsd.scale,
+        expected: "parameters in the detector's ranges",
+    })
+}
+
+/// The `most` longest segments of at least a length, in the order in which they came.
+fn longest(
+    found: &[Segment2],
+    min_px: f64,
+    most: usize,
+    lengths: &mut Vec<f64>,
+    out: &mut Vec<Segment2>,
+) {
+    lengths.clear();
+    lengths.extend(
+        found
+            .iter()
+            .map(Segment2::length_px)
+            .filter(|l| *l >= min_px),
+    );
+    let mut limit = min_px;
+    if lengths.len() > most {
+        lengths.sort_unstable_by(|a, b| b.total_cmp(a));
+        limit = most
+            .checked_sub(1)
+            .and_then(|last| lengths.get(last).copied())
+            .unwrap_or(f64::INFINITY);
+    }
+    out.clear();
+    out.extend(
+        found
+            .iter()
+            .filter(|s| s.length_px() >= limit)
+            .take(most)
+            .copied(),
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Pixel;
+
+    fn of_length(px: f64) -> Segment2 {
+        Segment2 {
+            start: Pixel::new(0.0, 0.0),
+            end: Pixel::new(px, 0.0),
+            width_px: 1.0,
+            precision: 0.125,
+            neg_log10_nfa: 1.0,
+        }
+    }
+
+    #[test]
+    fn keeps_the_longest_in_their_order() {
+        let found: Vec<_> = [30.0, 5.0, 80.0, 40.0, 40.0, 25.0].map(of_length).to_vec();
+        let kept = |min, most| {
+            let mut out = Vec::new();
+            longest(&found, min, most, &mut Vec::new(), &mut out);
+            out.iter().map(Segment2::length_px).collect::<Vec<_>>()
+        };
+        assert_eq!(kept(20.0, 10), [30.0, 80.0, 40.0, 40.0, 25.0]);
+        assert_eq!(kept(20.0, 3), [80.0, 40.0, 40.0]);
+        assert_eq!(kept(20.0, 2), [80.0, 40.0]);
+        assert!(kept(20.0, 0).is_empty());
+        assert!(kept(100.0, 5).is_empty());
+    }
+}

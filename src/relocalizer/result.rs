@@ -1,0 +1,134 @@
+//! What comes out of a frame.
+
+use super::options::CameraSource;
+use super::timings::StageTimings;
+use super::tracking::TrackState;
+use crate::geometry::{CamFromWorld, Camera};
+use crate::pose::{PoseEstimate, PoseStats, PoseStatus};
+
+/// Why a frame was not located.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NotLocated {
+    /// Hardly any keypoints or segments: a wall, darkness, blur.
+    FewFeatures,
+    /// The networks are sure of too few of them.
+    FewCorrespondences,
+    /// No pose explains them better than chance.
+    FewInliers,
+    /// They leave the pose or the focal length open.
+    Degenerate,
+    /// Two clearly different poses explain them almost equally well.
+    Ambiguous,
+    /// The time budget ran out first.
+    Timeout,
+}
+
+impl NotLocated {
+    /// The solver's status as a reason; `None` for a pose that can be used.
+    pub(super) fn from_status(status: PoseStatus) -> Option<Self> {
+        match status {
+            PoseStatus::Ok => None,
+            PoseStatus::TooFew => Some(Self::FewCorrespondences),
+            PoseStatus::LowInliers => Some(Self::FewInliers),
+            PoseStatus::Degenerate => Some(Self::Degenerate),
+            PoseStatus::Ambiguous => Some(Self::Ambiguous),
+            PoseStatus::OutOfTime => Some(Self::Timeout),
+        }
+    }
+
+    /// What happened and what helps, for people.
+    pub fn message(self) -> &'static str {
+        match self {
+            Self::FewFeatures => {
+                "too little to see: show something with edges and texture, or add light"
+            }
+            Self::FewCorrespondences => {
+                "hardly anything looks like the taught scene: probably another place"
+            }
+            Self::FewInliers => {
+                "what is seen does not agree on one position: show a larger part of the scene"
+            }
+            Self::Degenerate => {
+                "the view leaves the position open: show more depth or more directions"
+            }
+            Self::Ambiguous => "two positions fit almost equally well: show what exists only once",
+            Self::Timeout => "the time budget ended first: allow more, or show more of the scene",
+        }
+    }
+}
+
+/// A pose that can be used.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Localization {
+    /// As solved from this frame.
+    pub cam_from_world: CamFromWorld,
+    /// For display; `None` when smoothing is off.
+    pub smoothed: Option<CamFromWorld>,
+    /// The solver's full answer. Its camera is that of the working image.
+    pub estimate: PoseEstimate,
+    /// Median reprojection error of the inliers, pixels of the frame.
+    pub median_error_px: f64,
+    /// 0..1: how far the evidence stands above chance. Grows with the number and agreement of the inliers.
+    pub confidence: f64,
+}
+
+/// Located or not.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "one per frame, and boxing would allocate"
+)]
+pub enum Outcome {
+    /// With a pose.
+    Located(Localization),
+    /// Without one, and why.
+    NotLocated(NotLocated),
+}
+
+impl Outcome {
+    /// The pose, when there is one.
+    pub fn located(&self) -> Option<&Localization> {
+        match self {
+            Self::Located(localization) => Some(localization),
+            Self::NotLocated(_) => None,
+        }
+    }
+}
+
+/// How many of everything.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Keypoints.
+    pub num_keypoints: usize,
+    /// Segments that were given to the network.
+    pub num_segments: usize,
+    /// Points that entered the solver.
+    pub num_point_correspondences: usize,
+    /// Lines that entered the solver.
+    pub num_line_correspondences: usize,
+    /// Points that agree with the pose.
+    pub num_point_inliers: usize,
+    /// Lines that agree with the pose.
+    pub num_line_inliers: usize,
+}
+
+/// Everything about one frame, besides the correspondences, which the relocalizer keeps until the next frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Report {
+    /// Located or not.
+    pub outcome: Outcome,
+    /// Intrinsics that were used, in pixels of the frame, with the focal length as solved.
+    pub camera: Camera,
+    /// Where they come from.
+    pub camera_source: CameraSource,
+    /// Relative standard deviation of the focal length; `None` when it was given.
+    pub focal_sigma_ln: Option<f64>,
+    /// How many of everything.
+    pub counts: Counts,
+    /// State over the last frames.
+    pub state: TrackState,
+    /// Where the solver spent its effort.
+    pub pose_stats: PoseStats,
+    /// Where the time went.
+    pub timings: StageTimings,
+}

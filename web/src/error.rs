@@ -1,0 +1,59 @@
+//! Core errors as JavaScript `Error`s with a stable `code`.
+
+use js_sys::{Error, Reflect};
+use landline::relocalizer::{CreateError, LocateError};
+use landline::scene_file::SceneFileError;
+use wasm_bindgen::JsValue;
+
+/// The codes that `web/ts/errors.ts` documents.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Code {
+    SceneVersion,
+    SceneCorrupt,
+    SceneExtractor,
+    ExtractorCorrupt,
+    BadInput,
+    Panicked,
+}
+
+impl Code {
+    fn name(self) -> &'static str {
+        match self {
+            Self::SceneVersion => "scene-version",
+            Self::SceneCorrupt => "scene-corrupt",
+            Self::SceneExtractor => "scene-extractor",
+            Self::ExtractorCorrupt => "extractor-corrupt",
+            Self::BadInput => "bad-input",
+            Self::Panicked => "panicked",
+        }
+    }
+}
+
+pub(crate) fn js_error(code: Code, message: &str) -> JsValue {
+    let error = Error::new(message);
+    // Setting a property of a fresh object cannot fail; the message stays useful even if it did.
+    let _set = Reflect::set(&error, &"code".into(), &code.name().into());
+    error.into()
+}
+
+pub(crate) fn from_create(error: &CreateError) -> JsValue {
+    let code = match error {
+        CreateError::Scene(SceneFileError::Version { .. }) => Code::SceneVersion,
+        CreateError::Scene(SceneFileError::WrongExtractor { .. }) => Code::SceneExtractor,
+        CreateError::Scene(_) | CreateError::Networks(_) => Code::SceneCorrupt,
+        CreateError::Extractor(_) | CreateError::Features(_) => Code::ExtractorCorrupt,
+        _ => Code::BadInput,
+    };
+    js_error(code, &error.to_string())
+}
+
+pub(crate) fn from_locate(error: &LocateError) -> JsValue {
+    let code = match error {
+        // What the caller's frame and options cannot cause is a defect.
+        LocateError::Features(_) | LocateError::Regress(_) | LocateError::Segments(_) => {
+            Code::Panicked
+        }
+        _ => Code::BadInput,
+    };
+    js_error(code, &error.to_string())
+}

@@ -1,0 +1,289 @@
+//! The relocalizer as JavaScript sees it.
+
+use crate::error::{Code, from_create, from_locate, js_error};
+use crate::performance_now;
+use crate::result::encode;
+use landline::geometry::{Camera, CameraModel};
+use landline::image::{FrameView, PixelFormat};
+use landline::relocalizer::{CameraSource, Query, Relocalizer, RelocalizerOptions, Smoothing};
+use landline::scene_file::{SceneFile, TensorFile, Units};
+use serde::Deserialize;
+use wasm_bindgen::JsValue;
+use wasm_bindgen::prelude::wasm_bindgen;
+
+/// Options that JavaScript passes as JSON; those left out keep their value.
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "camelCase", deny_unknown_fields)]
+struct Options {
+    smoothing: Option<String>,
+    max_side: Option<f64>,
+    time_budget_ms: Option<f64>,
+    seed: Option<f64>,
+    max_point_error_px: Option<f64>,
+    max_line_error_px: Option<f64>,
+}
+
+impl Options {
+    fn parse(json: &str) -> Result<Self, JsValue> {
+        let options: Self = serde_json::from_str(json)
+            .map_err(|e| js_error(Code::BadInput, &format!("options: {e}")))?;
+        if let Some(side) = options.max_side
+            && !(side >= 1.0 && side <= 8192.0 && side.fract() == 0.0)
+        {
+            let message =
+                format!("option maxSide is {side}; it must be a whole number of pixels up to 8192");
+            return Err(js_error(Code::BadInput, &message));
+        }
+        if let Some(seed) = options.seed
+            && !(seed >= 0.0 && seed < 9.1e15 && seed.fract() == 0.0)
+        {
+            let message =
+                format!("option seed is {seed}; it must be a whole number that is not negative");
+            return Err(js_error(Code::BadInput, &message));
+        }
+        if let Some(name) = &options.smoothing {
+            smoothing(name)?;
+        }
+        Ok(options)
+    }
+
+    fn apply(&self, to: &mut RelocalizerOptions) {
+        if let Some(Ok(value)) = self.smoothing.as_deref().map(smoothing) {
+            to.smoothing = value;
+        }
+        if let Some(side) = self.max_side {
+            to.max_side = side as usize;
+        }
+        if let Some(budget) = self.time_budget_ms {
+            to.pose.time_budget_ms = Some(budget);
+        }
+        if let Some(seed) = self.seed {
+            to.pose.seed = seed as u64;
+        }
+        if let Some(error) = self.max_point_error_px {
+            to.pose.max_point_error_px = error;
+        }
+        if let Some(error) = self.max_line_error_px {
+            to.pose.max_line_error_px = error;
+        }
+    }
+}
+
+fn smoothing(name: &str) -> Result<Smoothing, JsValue> {
+    match name {
+        "off" => Ok(Smoothing::Off),
+        "steady" => Ok(Smoothing::Steady),
+        "responsive" => Ok(Smoothing::Responsive),
+        other => {
+            let message =
+                format!("option smoothing is {other:?}; it must be off, steady or responsive");
+            Err(js_error(Code::BadInput, &message))
+        }
+    }
+}
+
+/// Finds cameras in one scene.
+#[wasm_bindgen]
+#[derive(Debug)]
+pub struct RawRelocalizer {
+    core: Relocalizer,
+    info: String,
+    frame: Vec<u8>,
+    result: Vec<f64>,
+    backend_reason: String,
+}
+
+#[wasm_bindgen]
+impl RawRelocalizer {
+    /// Builds the networks from the bytes of the two files.
+    ///
+    /// # Errors
+    /// A JavaScript `Error` with a `code`.
+    pub async fn create(
+        extractor: Vec<u8>,
+        scene: Vec<u8>,
+        device: String,
+        options: String,
+    ) -> Result<RawRelocalizer, JsValue> {
+        let options = Options::parse(&options)?;
+        let info = scene_info(&scene)?;
+        let core = Relocalizer::from_bytes(&scene, &extractor, |o| options.apply(o))
+            .map_err(|e| from_create(&e))?;
+        let backend_reason = match device.as_str() {
+            "cpu" => "the CPU was asked for".to_owned(),
+            _ => "this build runs on the CPU".to_owned(),
+        };
+        Ok(Self {
+            core,
+            info,
+            frame: Vec::new(),
+            result: Vec::new(),
+            backend_reason,
+        })
+    }
+
+    /// What the scene file says about itself, as JSON.
+    #[wasm_bindgen(js_name = sceneInfo)]
+    #[must_use]
+    pub fn scene_info(&self) -> String {
+        self.info.clone()
+    }
+
+    /// What executes the networks.
+    #[must_use]
+    pub fn backend(&self) -> String {
+        "cpu".to_owned()
+    }
+
+    /// Why not something faster.
+    #[wasm_bindgen(js_name = backendReason)]
+    #[must_use]
+    pub fn backend_reason(&self) -> String {
+        self.backend_reason.clone()
+    }
+
+    /// Makes room for a frame; its address in the engine's memory, valid until the next call.
+    #[wasm_bindgen(js_name = frameBuffer)]
+    pub fn frame_buffer(&mut self, len: usize) -> usize {
+        self.frame.resize(len, 0);
+        self.frame.as_mut_ptr() as usize
+    }
+
+    /// Locates the frame that was written into the buffer. `intrinsics` is empty or fx, fy, cx, cy.
+    ///
+    /// # Errors
+    /// A JavaScript `Error` with a `code`.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "flat numbers cross the border without making objects"
+    )]
+    pub async fn locate(
+        &mut self,
+        width: u32,
+        height: u32,
+        stride: usize,
+        format: u8,
+        intrinsics: Vec<f64>,
+        source: u8,
+        timestamp_ms: f64,
+        camera: String,
+        tracking: bool,
+        include: u32,
+    ) -> Result<(), JsValue> {
+        let format = match format {
+            0 => PixelFormat::Luma8,
+            1 => PixelFormat::Rgba8,
+            2 => PixelFormat::Rgb8,
+            other => {
+                return Err(js_error(
+                    Code::BadInput,
+                    &format!("pixel format {other} is unknown"),
+                ));
+            }
+        };
+        let frame = FrameView {
+            bytes: &self.frame,
+            width,
+            height,
+            stride,
+            format,
+        };
+        let model = match *intrinsics.as_slice() {
+            [] => None,
+            [fx, fy, cx, cy] => Some(CameraModel::Pinhole { fx, fy, cx, cy }),
+            _ => {
+                let message = format!(
+                    "intrinsics have {} numbers instead of fx, fy, cx, cy",
+                    intrinsics.len()
+                );
+                return Err(js_error(Code::BadInput, &message));
+            }
+        };
+        let query = Query {
+            camera: model.map(|model| Camera {
+                width,
+                height,
+                model,
+            }),
+            camera_source: match source {
+                1 => CameraSource::Track,
+                2 => CameraSource::Exif,
+                _ => CameraSource::Given,
+            },
+            camera_name: &camera,
+            timestamp_ms,
+            tracking,
+            gravity: None,
+        };
+        let report = self
+            .core
+            .locate(&frame, &query, &mut performance_now)
+            .map_err(|e| from_locate(&e))?;
+        encode(&self.core, &report, 0.0, include, &mut self.result);
+        Ok(())
+    }
+
+    /// Address of the last result's numbers, valid until the next call.
+    #[wasm_bindgen(js_name = resultAddress)]
+    #[must_use]
+    pub fn result_address(&self) -> usize {
+        self.result.as_ptr() as usize
+    }
+
+    /// How many numbers there are.
+    #[wasm_bindgen(js_name = resultLength)]
+    #[must_use]
+    pub fn result_length(&self) -> usize {
+        self.result.len()
+    }
+
+    /// Changes options, given as JSON.
+    ///
+    /// # Errors
+    /// A JavaScript `Error` with a `code`; nothing has changed then.
+    #[wasm_bindgen(js_name = setOptions)]
+    pub fn set_options(&mut self, options: &str) -> Result<(), JsValue> {
+        let options = Options::parse(options)?;
+        self.core
+            .set_options(|o| options.apply(o))
+            .map_err(|e| from_create(&e))
+    }
+
+    /// Forgets where the camera was.
+    pub fn reset(&mut self) {
+        self.core.reset();
+    }
+}
+
+/// The `SceneInfo` of `web/ts/types.ts`.
+fn scene_info(bytes: &[u8]) -> Result<String, JsValue> {
+    let scene = |e| from_create(&landline::relocalizer::CreateError::Scene(e));
+    let file = TensorFile::parse(bytes).map_err(scene)?;
+    let read = SceneFile::from_bytes(bytes).map_err(scene)?;
+    let info = &read.info;
+    let camera = info.camera.as_ref().map(|camera| {
+        let (fx, fy) = camera.focal_px();
+        let c = camera.principal_point();
+        serde_json::json!({
+            "fx": fx, "fy": fy, "cx": c.x, "cy": c.y, "width": camera.width, "height": camera.height,
+        })
+    });
+    let up = info
+        .gravity
+        .map(|g| serde_json::json!({ "x": -g.x, "y": -g.y, "z": -g.z }));
+    let mut json = serde_json::json!({
+        "variant": read.config.variant().name(),
+        "preset": info.preset.map_or("custom", |p| p.name()),
+        "extractor": info.extractor.name(),
+        "units": match info.units { Units::Metres => "metres", Units::Arbitrary => "scene-units" },
+        "licence": info.licence,
+        "created": info.created,
+        "bytes": bytes.len(),
+        "metadata": file.metadata(),
+    });
+    if let Some(map) = json.as_object_mut() {
+        map.extend(camera.map(|c| ("camera".to_owned(), c)));
+        map.extend(up.map(|u| ("up".to_owned(), u)));
+    }
+    Ok(json.to_string())
+}

@@ -114,7 +114,7 @@ impl CpuExecutor {
                     } else {
                         let first = matrices.len();
                         let shape = &graph.weight(*weight).shape;
-                        let bias_numbers = bias.map(|id| numbers(id));
+                        let bias_numbers = bias.map(&numbers);
                         pack(
                             level,
                             shape,
@@ -479,9 +479,9 @@ fn pack(
         let bias = bias.map(|bias| &bias[group * out..][..out]);
         let numbers = &numbers[group * out * inner * if shape.len() == 4 { 9 } else { 1 }..];
         to.push(if shape.len() == 4 {
-            // `[out, in, 3, 3]`; depth in the order tap, channel.
+            // `[out, in, 3, 3]`
             Packed::new(level, 9 * inner, out, bias, |k, n| {
-                numbers[(n * inner + k % inner) * 9 + k / inner]
+                numbers[conv3x3::weight_index(inner, k, n)]
             })
         } else {
             Packed::new(level, inner, out, bias, |k, n| numbers[n * inner + k])

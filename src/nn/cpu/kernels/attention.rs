@@ -14,6 +14,9 @@ const QUERIES: usize = 48;
 /// A score that no key has; its exponential beside any real score is zero.
 const NO_SCORE: f32 = -1e30;
 
+/// Scores that far below the largest have no part in the result: their weights are below 1e-13.
+const NEGLIGIBLE: f32 = -30.0;
+
 /// What an attention reads and writes.
 pub(in crate::nn::cpu) struct Attention<'a> {
     /// Queries `[n, heads * depth]`.
@@ -84,24 +87,11 @@ fn attention_lanes<L: Lanes>(work: Attention<'_>) {
     let (scores, scratch) = scratch.split_at_mut(QUERIES * KEYS);
     let (maxima, scratch) = scratch.split_at_mut(q.rows);
     let sums = &mut scratch[..q.rows];
-    let values_in_place = width % L::LANES == 0;
     for head in 0..heads {
         for first_key in (0..k.rows).step_by(KEYS) {
             let keys = (k.rows - first_key).min(KEYS);
             pack_keys::<L>(k, first_key, keys, head * depth, depth, scale, packed_keys);
-            let padded_width = width.next_multiple_of(L::LANES);
-            if !values_in_place {
-                for key in 0..keys {
-                    let to = &mut packed_values[key * padded_width..][..padded_width];
-                    to[..width].copy_from_slice(&v.row(first_key + key)[head * width..][..width]);
-                    to[width..].fill(0.0);
-                }
-            }
-            let (values, value_stride) = if values_in_place {
-                (&v.data[first_key * v.stride + head * width..], v.stride)
-            } else {
-                (&*packed_values, padded_width)
-            };
+            pack_values::<L>(v, first_key, keys, head * width, width, packed_values);
             for first_query in (0..q.rows).step_by(QUERIES) {
                 let queries = (q.rows - first_query).min(QUERIES);
                 let mut column = 0;
@@ -109,8 +99,7 @@ fn attention_lanes<L: Lanes>(work: Attention<'_>) {
                     let panel = panel_width(L::LANES, keys - column);
                     let a = q.data[first_query * q.stride + head * depth..].as_ptr();
                     let tile = Tile {
-                        a: [a; 3],
-                        pieces: 1,
+                        a,
                         depth,
                         a_stride: q.stride,
                         b: packed_keys[column * depth..].as_ptr(),
@@ -141,7 +130,13 @@ fn attention_lanes<L: Lanes>(work: Attention<'_>) {
                         maxima[row]
                     };
                     let (largest, sum) = exponentials::<L>(scores, before, keep);
-                    let faded = L::splat(before - largest).exp().largest();
+                    let change = before - largest;
+                    // Products with a tiny factor would be denormal, which is slow.
+                    let faded = if change < NEGLIGIBLE {
+                        0.0
+                    } else {
+                        L::splat(change).exp().largest()
+                    };
                     let so_far = &mut out[row * out_stride + head * width..][..width];
                     if first_key == 0 {
                         sums[row] = sum;
@@ -157,12 +152,11 @@ fn attention_lanes<L: Lanes>(work: Attention<'_>) {
                     let panel = panel_width(L::LANES, width - column);
                     let c = out[first_query * out_stride + head * width + column..].as_mut_ptr();
                     let tile = Tile {
-                        a: [scores.as_ptr(); 3],
-                        pieces: 1,
+                        a: scores.as_ptr(),
                         depth: keys,
                         a_stride: KEYS,
-                        b: values[column..].as_ptr(),
-                        b_stride: value_stride,
+                        b: packed_values[column * keys..].as_ptr(),
+                        b_stride: panel,
                         bias: std::ptr::null(),
                         c,
                         c_stride: out_stride,
@@ -171,8 +165,8 @@ fn attention_lanes<L: Lanes>(work: Attention<'_>) {
                         residual_stride: out_stride,
                         relu: false,
                     };
-                    // SAFETY: scores were written above for these queries and keys; values are whole vectors, either in
-                    // place or padded; the output was checked.
+                    // SAFETY: scores were written above for these queries and keys; packed values hold whole panels; the
+                    // output was checked.
                     unsafe { run_panel::<L>(queries, panel == L::LANES, &tile) };
                     column += panel;
                 }
@@ -217,6 +211,36 @@ fn pack_keys<L: Lanes>(
     }
 }
 
+/// Writes values as panels `[keys][width]`; missing columns are zero.
+#[inline(always)]
+fn pack_values<L: Lanes>(
+    v: Rows<'_>,
+    first_key: usize,
+    keys: usize,
+    channel: usize,
+    width: usize,
+    to: &mut [f32],
+) {
+    let mut column = 0;
+    while column < width {
+        let panel = panel_width(L::LANES, width - column);
+        let filled = panel.min(width - column);
+        let rows = to[column * keys..][..panel * keys].chunks_exact_mut(panel);
+        for (key, to) in rows.enumerate() {
+            let from = &v.row(first_key + key)[channel + column..][..filled];
+            to[..filled].copy_from_slice(from);
+            to[filled..].fill(0.0);
+        }
+        column += panel;
+    }
+}
+
+/// `exp(x)` without the numbers that would make denormal products: below about 1e-20 it is zero.
+#[inline(always)]
+fn exp_or_zero<L: Lanes>(x: L) -> L {
+    x.exp().sub(L::splat(1e-20)).max(L::splat(0.0))
+}
+
 /// Replaces scores by `exp(score - m)`, zero for keys that take no part; `m` is the largest of the scores and `before`.
 /// Returns `m` and the sum.
 #[inline(always)]
@@ -248,15 +272,13 @@ pub(super) fn exponentials<L: Lanes>(
         let shift = L::splat(largest);
         let mut sum = L::splat(0.0);
         for first in (0..whole).step_by(L::LANES) {
-            let e = L::load(from.add(first)).sub(shift).exp();
+            let e = exp_or_zero(L::load(from.add(first)).sub(shift));
             e.store(from.add(first));
             sum = sum.add(e);
         }
         let mut total = sum.sum();
         if whole < count {
-            let e = L::load_part(from.add(whole), count - whole, NO_SCORE)
-                .sub(shift)
-                .exp();
+            let e = exp_or_zero(L::load_part(from.add(whole), count - whole, NO_SCORE).sub(shift));
             e.store_part(from.add(whole), count - whole);
             total += scores[whole..].iter().sum::<f32>();
         }

@@ -27,9 +27,16 @@ pub(in crate::nn::cpu) struct Convolution<'a> {
     pub(in crate::nn::cpu) band: &'a mut [f32],
 }
 
-/// Numbers of scratch that a convolution needs: three input rows and an empty one, each with a border of one pixel.
+/// Numbers of scratch that a convolution needs: three input rows with a border of one pixel.
 pub(in crate::nn::cpu) fn band_len(width: usize, channels: usize) -> usize {
-    4 * (width + 2) * channels
+    3 * (width + 2) * channels
+}
+
+/// Where a weight `[out, in, 3, 3]` has the number that belongs to step `k` of the depth and column `n`.
+pub(in crate::nn::cpu) fn weight_index(channels: usize, k: usize, n: usize) -> usize {
+    let (tap, channel) = (k / channels, k % channels);
+    let (tap_x, tap_y) = (tap / 3, tap % 3);
+    (n * channels + channel) * 9 + tap_y * 3 + tap_x
 }
 
 /// Computes a 3x3 convolution.
@@ -39,9 +46,9 @@ pub(in crate::nn::cpu) fn convolution(convolution: Convolution<'_>) {
 
 entry! { fn conv(convolution: Convolution<'_>) => conv_lanes }
 
-/// With channels last the three taps of one tap row are neighbours in memory, so an output pixel's input is three pieces
-/// of `3 * channels` numbers, and the next pixel's pieces start `step * channels` further on: a matrix product whose
-/// left-hand rows overlap. Only the border needs care: input rows are copied into a band with an empty pixel at each end.
+/// For each output row, three input rows are copied into a band `[column][row][channel]` with an empty pixel at each end.
+/// There the nine taps of an output pixel are one run of `9 * channels` numbers, and the next pixel's run starts
+/// `3 * step * channels` further on: a matrix product whose left-hand rows overlap.
 #[inline(always)]
 fn conv_lanes<L: Lanes>(convolution: Convolution<'_>) {
     let Convolution {
@@ -75,40 +82,39 @@ fn conv_lanes<L: Lanes>(convolution: Convolution<'_>) {
             "size of a residual"
         );
     }
-    let row_len = (in_width + 2) * channels;
-    let band = &mut band[..4 * row_len];
-    for row in 0..3 {
-        band[row * row_len..][..channels].fill(0.0);
-        band[(row + 1) * row_len - channels..][..channels].fill(0.0);
-    }
-    band[3 * row_len..].fill(0.0);
-    // Input rows below this one are in the band, row `r` at place `r % 3`.
-    let mut loaded = 0;
+    let column_len = 3 * channels;
+    let band = &mut band[..(in_width + 2) * column_len];
+    band[..column_len].fill(0.0);
+    band[(in_width + 1) * column_len..].fill(0.0);
     for out_y in 0..out_height {
-        let last = (out_y * step + 1).min(in_height - 1);
-        loaded = loaded.max((out_y * step).saturating_sub(1));
-        while loaded <= last {
-            let place = &mut band[(loaded % 3) * row_len + channels..][..in_width * channels];
-            for (pixel, to) in place.chunks_exact_mut(channels).enumerate() {
-                to.copy_from_slice(x.row(loaded * in_width + pixel));
-            }
-            loaded += 1;
-        }
-        let mut a = [std::ptr::null(); 3];
-        for (tap, a) in a.iter_mut().enumerate() {
+        let inside = &mut band[column_len..(in_width + 1) * column_len];
+        for tap in 0..3 {
             let row = (out_y * step + tap).wrapping_sub(1);
-            let place = if row < in_height { row % 3 } else { 3 };
-            *a = band[place * row_len..][..row_len].as_ptr();
+            let places = inside
+                .chunks_exact_mut(column_len)
+                .map(|column| &mut column[tap * channels..][..channels]);
+            if row >= in_height {
+                places.for_each(|place| place.fill(0.0));
+            } else if channels == 1 {
+                let pixels = x.data[row * in_width * x.stride..].iter().step_by(x.stride);
+                places
+                    .zip(pixels)
+                    .for_each(|(place, pixel)| place[0] = *pixel);
+            } else {
+                let pixels = x.data[row * in_width * x.stride..].chunks(x.stride);
+                places
+                    .zip(pixels)
+                    .for_each(|(place, pixel)| place.copy_from_slice(&pixel[..channels]));
+            }
         }
         let pixel = out_y * out_width;
         let mut first = 0;
         while first < matrix.columns {
             let width = panel_width(L::LANES, matrix.columns - first);
             let tile = Tile {
-                a,
-                pieces: 3,
-                depth: 3 * channels,
-                a_stride: step * channels,
+                a: band.as_ptr(),
+                depth: matrix.depth,
+                a_stride: step * column_len,
                 b: matrix.panels[first * matrix.depth..].as_ptr(),
                 b_stride: width,
                 bias: matrix.bias[first..].as_ptr(),
@@ -121,8 +127,8 @@ fn conv_lanes<L: Lanes>(convolution: Convolution<'_>) {
                 residual_stride: residual.map_or(0, |r| r.stride),
                 relu,
             };
-            // SAFETY: sizes were checked above; a piece of the last pixel ends at `(out_width - 1) * step + 3` pixels, which
-            // is within the band's row; panels and bias are padded to whole vectors by `Packed`.
+            // SAFETY: sizes were checked above; the run of the last pixel ends at `(out_width - 1) * step + 3` columns, which
+            // is within the band; panels and bias are padded to whole vectors by `Packed`.
             unsafe { run_panel::<L>(out_width, width == L::LANES, &tile) };
             first += width;
         }

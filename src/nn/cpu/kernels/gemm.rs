@@ -2,8 +2,8 @@
 //!
 //! The right-hand matrix is packed once into panels `[k][width]`, two vectors wide (one for a narrow rest), so that the
 //! inner loop reads it in order. The left-hand matrix is read in place, one broadcast per row and step. Bias, residual
-//! and ReLU are applied while the tile is in registers. A 3x3 convolution is the same product with the left-hand rows
-//! in three pieces (see `conv3x3`).
+//! and ReLU are applied while the tile is in registers. A 3x3 convolution is the same product with overlapping left-hand
+//! rows (see `conv3x3`).
 
 use super::lanes::{Lanes, Level, entry};
 
@@ -72,11 +72,9 @@ pub(super) fn panel_width(lanes: usize, rest: usize) -> usize {
 /// One tile's work. Pointers may be null where noted.
 #[derive(Clone, Copy)]
 pub(super) struct Tile {
-    /// Starts of the pieces of the first left-hand row.
-    pub(super) a: [*const f32; 3],
-    /// Number of pieces, 1 or 3.
-    pub(super) pieces: usize,
-    /// Depth of one piece.
+    /// First number of the first left-hand row.
+    pub(super) a: *const f32,
+    /// Depth of the product.
     pub(super) depth: usize,
     /// Numbers from one left-hand row to the next.
     pub(super) a_stride: usize,
@@ -110,34 +108,26 @@ unsafe fn micro<L: Lanes, const MR: usize, const NV: usize>(tile: &Tile) {
     unsafe {
         let mut acc = [[L::splat(0.0); NV]; MR];
         if !tile.bias.is_null() {
-            for v in 0..NV {
-                let bias = L::load(tile.bias.add(v * L::LANES));
-                for row in &mut acc {
-                    row[v] = bias;
-                }
-            }
+            acc = [std::array::from_fn(|v| L::load(tile.bias.add(v * L::LANES))); MR];
         }
         let mut b = tile.b;
-        for piece in 0..tile.pieces {
-            let start = tile.a[piece];
-            let rows: [*const f32; MR] = std::array::from_fn(|row| start.add(row * tile.a_stride));
-            for k in 0..tile.depth {
-                let right: [L; NV] = std::array::from_fn(|v| L::load(b.add(v * L::LANES)));
-                for row in 0..MR {
-                    let left = L::splat(*rows[row].add(k));
-                    for v in 0..NV {
-                        acc[row][v] = acc[row][v].mul_add(left, right[v]);
-                    }
+        let rows: [*const f32; MR] = std::array::from_fn(|row| tile.a.add(row * tile.a_stride));
+        for k in 0..tile.depth {
+            let right: [L; NV] = std::array::from_fn(|v| L::load(b.add(v * L::LANES)));
+            for (sums, row) in acc.iter_mut().zip(rows) {
+                let left = L::splat(*row.add(k));
+                for (sum, right) in sums.iter_mut().zip(right) {
+                    *sum = sum.mul_add(left, right);
                 }
-                b = b.add(tile.b_stride);
             }
+            b = b.add(tile.b_stride);
         }
-        for row in 0..MR {
+        for (row, sums) in acc.iter().enumerate() {
             let c = tile.c.add(row * tile.c_stride);
-            for v in 0..NV {
+            for (v, &sum) in sums.iter().enumerate() {
                 let first = v * L::LANES;
                 let count = tile.columns.saturating_sub(first);
-                let mut x = acc[row][v];
+                let mut x = sum;
                 if !tile.residual.is_null() {
                     let residual = tile.residual.add(row * tile.residual_stride + first);
                     let residual = if count >= L::LANES {
@@ -213,9 +203,7 @@ pub(super) unsafe fn run_panel<L: Lanes>(rows: usize, narrow: bool, tile: &Tile)
         let mut tile = *tile;
         // SAFETY: the caller vouches for all rows.
         unsafe {
-            for a in &mut tile.a {
-                *a = a.wrapping_add(first * tile.a_stride);
-            }
+            tile.a = tile.a.add(first * tile.a_stride);
             tile.c = tile.c.add(first * tile.c_stride);
             if !tile.residual.is_null() {
                 tile.residual = tile.residual.add(first * tile.residual_stride);
@@ -328,8 +316,7 @@ fn gemm_lanes<L: Lanes>(product: Product<'_>) {
             let width = panel_width(L::LANES, matrix.columns - first);
             let a = x.data[block * x.stride..].as_ptr();
             let tile = Tile {
-                a: [a; 3],
-                pieces: 1,
+                a,
                 depth: matrix.depth,
                 a_stride: x.stride,
                 b: matrix.panels[first * matrix.depth..].as_ptr(),

@@ -11,12 +11,15 @@
 
 mod field;
 mod kernels;
+mod merge;
 mod nfa;
 mod params;
+pub mod post;
 mod rectangle;
 mod region;
 mod resample;
 
+pub use merge::{MergeParams, Merged, merge_collinear};
 pub use params::{LsdError, LsdParams, LsdVersion};
 
 use crate::geometry::{Pixel, Segment2};

@@ -9,3 +9,4 @@ pub mod labels;
 pub mod picture;
 pub mod progress;
 pub mod tracks;
+pub mod weights;

@@ -18,6 +18,8 @@ struct Cli {
 enum Command {
     Convert(cmd::convert::Args),
     Data(cmd::data::Args),
+    Features(cmd::features::Args),
+    Inspect(cmd::inspect::Args),
     Labels(cmd::labels::Args),
     Pose(cmd::pose::Args),
 }
@@ -26,6 +28,8 @@ fn main() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::Convert(args) => cmd::convert::run(args),
         Command::Data(args) => cmd::data::run(args),
+        Command::Features(args) => cmd::features::run(args),
+        Command::Inspect(args) => cmd::inspect::run(args),
         Command::Labels(args) => cmd::labels::run(args),
         Command::Pose(args) => cmd::pose::run(args),
     };

@@ -99,13 +99,16 @@ impl SceneInfo {
         }
     }
 
-    pub(super) fn to_metadata(&self, config: &RegressorConfig) -> BTreeMap<String, String> {
+    pub(super) fn to_metadata(
+        &self,
+        config: &RegressorConfig,
+    ) -> Result<BTreeMap<String, String>, SceneFileError> {
         let mut out: BTreeMap<String, String> = BTreeMap::new();
         let mut put = |key: &str, value: String| out.insert(key.to_owned(), value);
         put(KIND_KEY, "scene".to_owned());
         put("format", FORMAT_VERSION.to_string());
         put("variant", config.variant().name().to_owned());
-        put("config", serde_json::json!(config).to_string());
+        put("config", text("config", config)?);
         if let Some(preset) = self.preset {
             put("preset", preset.name().to_owned());
         }
@@ -135,14 +138,14 @@ impl SceneInfo {
                 height: camera.height,
                 params: params[..num_params].to_vec(),
             };
-            put("camera", serde_json::json!(record).to_string());
+            put("camera", text("camera", &record)?);
         }
         if let Some(training) = &self.training {
-            put("training", serde_json::json!(training).to_string());
+            put("training", text("training", training)?);
         }
         put("licence", self.licence.clone());
         put("created", self.created.clone());
-        out
+        Ok(out)
     }
 
     pub(super) fn from_file(file: &TensorFile<'_>) -> Result<Self, SceneFileError> {
@@ -269,6 +272,11 @@ pub(super) fn check_sha256(key: &'static str, text: &str) -> Result<(), SceneFil
             "expected 64 lower-case hexadecimal digits",
         ))
     }
+}
+
+/// JSON text, straight from the value so that an f32 keeps its short form.
+fn text(key: &'static str, value: &impl Serialize) -> Result<String, SceneFileError> {
+    serde_json::to_string(value).map_err(|e| SceneFileError::value(key, "", e))
 }
 
 fn vector_text(v: &Vector3<f64>) -> String {

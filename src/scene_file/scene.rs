@@ -72,7 +72,7 @@ impl SceneFile {
         self.config.check_weights(&self.weights)?;
         check_descriptor_size(&self.info, &self.config)?;
         check_sha256("extractor_sha256", &self.info.extractor_sha256)?;
-        let metadata = self.info.to_metadata(&self.config);
+        let metadata = self.info.to_metadata(&self.config)?;
         let anchored = self.config.variant() == Variant::Anchored;
         let world_heads = self.world_heads();
         let element_of = |name: &str, shape: &[usize]| match precision {
@@ -292,7 +292,7 @@ mod tests {
     fn wrong_kinds_versions_and_values_have_their_own_errors() {
         let good = scene(Preset::Compact);
         let change = |key: &str, value: &str| {
-            let mut metadata = good.info.to_metadata(&good.config);
+            let mut metadata = good.info.to_metadata(&good.config).expect("plain data");
             metadata.insert(key.to_owned(), value.to_owned());
             let bytes = serialize(&metadata, &good.weights, |_, _| Element::F32).expect("writes");
             SceneFile::from_bytes(&bytes)
@@ -352,7 +352,7 @@ mod tests {
     #[test]
     fn tensors_that_are_missing_misnamed_misshapen_or_not_finite_are_refused() {
         let good = scene(Preset::Compact);
-        let metadata = good.info.to_metadata(&good.config);
+        let metadata = good.info.to_metadata(&good.config).expect("plain data");
         let write = |weights: &Weights| {
             let bytes = serialize(&metadata, weights, |_, _| Element::F32).expect("writes");
             SceneFile::from_bytes(&bytes)

@@ -2,5 +2,7 @@
 
 pub mod convert;
 pub mod data;
+pub mod features;
+pub mod inspect;
 pub mod labels;
 pub mod pose;

@@ -41,10 +41,10 @@ pub enum CheckpointError {
         found: Vec<u8>,
     },
     /// The archive is damaged.
-    #[error("PyTorch checkpoint: {0}")]
+    #[error("the PyTorch checkpoint's archive is damaged")]
     Zip(#[from] ZipError),
     /// The pickle is damaged or not plain.
-    #[error("PyTorch checkpoint: {0}")]
+    #[error("the PyTorch checkpoint's pickle is refused")]
     Pickle(#[from] PickleError),
     /// The archive lacks an entry.
     #[error("PyTorch checkpoint: the archive has no entry {name}")]
@@ -101,7 +101,7 @@ pub enum CheckpointError {
         found: Vec<String>,
     },
     /// The safetensors header is damaged.
-    #[error("safetensors file: {0}")]
+    #[error("the safetensors file is damaged")]
     Safetensors(#[from] safetensors::SafeTensorError),
     /// A safetensors tensor has an element type that weights do not have.
     #[error("safetensors file: tensor {name} has elements of type {found}")]

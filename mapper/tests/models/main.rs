@@ -2,4 +2,5 @@
 
 mod extractors;
 mod golden;
+mod hostile;
 mod regressors;

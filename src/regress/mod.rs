@@ -13,4 +13,4 @@ mod decode;
 mod regressor;
 
 pub use decode::{Predictions, decode_lines, decode_points, decode_v1};
-pub use regressor::{RegressError, Regressor};
+pub use regressor::{RegressError, Regressor, network_parts};

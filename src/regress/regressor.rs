@@ -5,7 +5,7 @@ use crate::features::FeatureSet;
 use crate::geometry::SceneScale;
 use crate::models::{ModelError, RegressorConfig, V1Config, ports};
 use crate::nn::cpu::CpuExecutor;
-use crate::nn::{Executor, NnError, Weights};
+use crate::nn::{Executor, Graph, NnError, Weights};
 
 /// Why a regressor could not be made or run.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -64,6 +64,36 @@ pub struct Regressor {
     tokens: Option<usize>,
 }
 
+/// Graph and prepared weights of each network of a configuration, for at most these many keypoints and segments: the point
+/// branch and the line branch if there is one, or the joint network of `v1`.
+///
+/// # Errors
+/// [`RegressError::Model`] when the weights do not fit the configuration or a capacity is out of range.
+pub fn network_parts(
+    config: &RegressorConfig,
+    mut weights: Weights,
+    max_keypoints: usize,
+    max_segments: usize,
+) -> Result<Vec<(Graph, Weights)>, RegressError> {
+    config.check_weights(&weights)?;
+    let mut parts = Vec::new();
+    match config {
+        RegressorConfig::Branches { point, line } => {
+            let made = point.prepare(&mut weights)?;
+            parts.push((point.graph(max_keypoints)?, made));
+            if let Some(line) = line {
+                let made = line.prepare(&mut weights)?;
+                parts.push((line.graph(max_segments)?, made));
+            }
+        }
+        RegressorConfig::V1(v1) => {
+            let made = v1.prepare(&mut weights)?;
+            parts.push((v1.graph(max_keypoints, max_segments)?, made));
+        }
+    }
+    Ok(parts)
+}
+
 impl Regressor {
     /// Prepares the networks of a configuration with its file's weights, for at most these many keypoints and segments.
     ///
@@ -71,32 +101,28 @@ impl Regressor {
     /// [`RegressError::Model`] when the weights do not fit the configuration or a capacity is out of range.
     pub fn new(
         config: &RegressorConfig,
-        mut weights: Weights,
+        weights: Weights,
         scale: SceneScale,
         max_keypoints: usize,
         max_segments: usize,
     ) -> Result<Self, RegressError> {
-        config.check_weights(&weights)?;
+        let mut parts = network_parts(config, weights, max_keypoints, max_segments)?.into_iter();
+        let mut next = || {
+            let part = parts.next();
+            part.map(|(graph, weights)| CpuExecutor::new(graph, weights))
+                .transpose()
+        };
+        let missing = || ModelError::Mismatch("the configuration has no network".to_owned());
+        let first = next()?.ok_or_else(missing)?;
         let networks = match config {
-            RegressorConfig::Branches { point, line } => {
-                let made = point.prepare(&mut weights)?;
-                let point = CpuExecutor::new(point.graph(max_keypoints)?, made)?;
-                let line = match line {
-                    None => None,
-                    Some(line) => {
-                        let made = line.prepare(&mut weights)?;
-                        Some(CpuExecutor::new(line.graph(max_segments)?, made)?)
-                    }
-                };
-                Networks::Branches { point, line }
-            }
-            RegressorConfig::V1(v1) => {
-                let made = v1.prepare(&mut weights)?;
-                Networks::V1 {
-                    config: v1.clone(),
-                    joint: CpuExecutor::new(v1.graph(max_keypoints, max_segments)?, made)?,
-                }
-            }
+            RegressorConfig::Branches { .. } => Networks::Branches {
+                point: first,
+                line: next()?,
+            },
+            RegressorConfig::V1(v1) => Networks::V1 {
+                config: v1.clone(),
+                joint: first,
+            },
         };
         Ok(Self {
             networks,

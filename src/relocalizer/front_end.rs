@@ -135,6 +135,21 @@ impl FrontEnd {
         stopwatch: &mut Stopwatch<'_>,
     ) -> Result<FrontEndTimings, LocateError> {
         let mut timings = FrontEndTimings::default();
+        self.prepare(frame)?;
+        timings.preprocess_ms = stopwatch.lap();
+        self.extractor.run_dense(&self.working.view())?;
+        timings.features_ms = stopwatch.lap();
+        self.detect()?;
+        timings.lines_ms = stopwatch.lap();
+        self.extractor.select(&mut self.features.keypoints)?;
+        self.extractor
+            .describe(&self.segments, &mut self.features)?;
+        timings.features_ms += stopwatch.lap();
+        Ok(timings)
+    }
+
+    /// Grey and working image of a frame.
+    pub(super) fn prepare(&mut self, frame: &FrameView<'_>) -> Result<(), LocateError> {
         gray_from_frame(frame, &mut self.gray)?;
         self.working_from_sensor =
             working_from_gray(&self.gray.view(), self.options.max_side, &mut self.working)?;
@@ -148,11 +163,12 @@ impl FrontEnd {
                 min_side,
             });
         }
-        timings.preprocess_ms = stopwatch.lap();
-        let working = self.working.view();
-        self.extractor.run_dense(&working)?;
-        timings.features_ms = stopwatch.lap();
-        let found = lsd::detect(&working, &self.options.lsd, &mut self.lsd)?;
+        Ok(())
+    }
+
+    /// Segments of the working image.
+    pub(super) fn detect(&mut self) -> Result<(), LocateError> {
+        let found = lsd::detect(&self.working.view(), &self.options.lsd, &mut self.lsd)?;
         longest(
             found,
             self.options.min_segment_px,
@@ -160,12 +176,21 @@ impl FrontEnd {
             &mut self.lengths,
             &mut self.segments,
         );
-        timings.lines_ms = stopwatch.lap();
-        self.extractor.select(&mut self.features.keypoints)?;
-        self.extractor
-            .describe(&self.segments, &mut self.features)?;
-        timings.features_ms += stopwatch.lap();
-        Ok(timings)
+        Ok(())
+    }
+
+    /// The working image of the last frame.
+    #[cfg(feature = "webgpu")]
+    pub(super) fn working(&self) -> crate::image::GrayView<'_> {
+        self.working.view()
+    }
+
+    /// The features of the last frame, to be filled from elsewhere: its segments stand in them, descriptors do not.
+    #[cfg(feature = "webgpu")]
+    pub(super) fn features_without_descriptors(&mut self) -> &mut FeatureSet {
+        self.features.clear();
+        self.features.segments.extend_from_slice(&self.segments);
+        &mut self.features
     }
 
     /// Features of the last frame, in pixels of the working image.

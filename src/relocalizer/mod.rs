@@ -14,6 +14,8 @@ mod correspond;
 mod error;
 mod focal;
 mod front_end;
+#[cfg(feature = "webgpu")]
+mod gpu;
 mod options;
 mod result;
 mod smoothing;
@@ -23,6 +25,8 @@ mod tracking;
 pub use error::{CreateError, LocateError};
 pub use focal::{FocalBelief, FocalMemory};
 pub use front_end::{FrontEnd, FrontEndOptions};
+#[cfg(feature = "webgpu")]
+pub use gpu::GpuNetworks;
 pub use options::{CameraSource, Query, RelocalizerOptions};
 pub use result::{Counts, Localization, NotLocated, Outcome, Report};
 pub use smoothing::{PoseFilter, Smoothing};
@@ -65,6 +69,9 @@ pub struct Relocalizer {
     track: Track,
     filter: PoseFilter,
     focal: FocalMemory,
+    #[cfg(feature = "webgpu")]
+    gpu: Option<GpuNetworks>,
+    gpu_failure: Option<String>,
 }
 
 impl Relocalizer {
@@ -121,6 +128,9 @@ impl Relocalizer {
             track: Track::default(),
             filter: PoseFilter::default(),
             focal: FocalMemory::default(),
+            #[cfg(feature = "webgpu")]
+            gpu: None,
+            gpu_failure: None,
         })
     }
 
@@ -187,10 +197,107 @@ impl Relocalizer {
         query: &Query<'_>,
         clock: &mut dyn FnMut() -> f64,
     ) -> Result<Report, LocateError> {
-        let (sensor_camera, source, focal) = self.camera_for(frame, query)?;
+        let intrinsics = self.camera_for(frame, query)?;
         let mut stopwatch = Stopwatch::start(clock);
+        let timings = self.run_on_cpu(frame, &mut stopwatch)?;
+        self.solve(frame, query, intrinsics, timings, &mut stopwatch)
+    }
+
+    /// Moves the networks to a device. They stay there until it fails; then the CPU takes over, for that frame and all
+    /// later ones, and [`Self::gpu_failure`] tells why.
+    #[cfg(feature = "webgpu")]
+    pub fn use_gpu(&mut self, gpu: GpuNetworks) {
+        self.gpu = Some(gpu);
+        self.gpu_failure = None;
+    }
+
+    /// The networks on a device, if they are there.
+    #[cfg(feature = "webgpu")]
+    pub fn gpu(&self) -> Option<&GpuNetworks> {
+        self.gpu.as_ref()
+    }
+
+    /// Why the networks left the device, if they did.
+    pub fn gpu_failure(&self) -> Option<&str> {
+        self.gpu_failure.as_deref()
+    }
+
+    /// [`Self::locate`] with the networks on the device that [`Self::use_gpu`] gave, or on the CPU without one.
+    ///
+    /// # Errors
+    /// [`LocateError`] for a frame or camera that makes no sense. A device that fails is no error.
+    #[cfg(feature = "webgpu")]
+    pub async fn locate_with_gpu(
+        &mut self,
+        frame: &FrameView<'_>,
+        query: &Query<'_>,
+        clock: &mut dyn FnMut() -> f64,
+    ) -> Result<Report, LocateError> {
+        let intrinsics = self.camera_for(frame, query)?;
+        let mut stopwatch = Stopwatch::start(clock);
+        let timings = match self.run_on_gpu(frame, &mut stopwatch).await? {
+            Some(timings) => timings,
+            None => self.run_on_cpu(frame, &mut stopwatch)?,
+        };
+        self.solve(frame, query, intrinsics, timings, &mut stopwatch)
+    }
+
+    /// Features and predictions by the device; `None` when there is none or it failed.
+    #[cfg(feature = "webgpu")]
+    async fn run_on_gpu(
+        &mut self,
+        frame: &FrameView<'_>,
+        stopwatch: &mut Stopwatch<'_>,
+    ) -> Result<Option<StageTimings>, LocateError> {
+        if self.gpu.is_none() {
+            return Ok(None);
+        }
         let mut timings = StageTimings::default();
-        let stages = self.front_end.run_timed(frame, &mut stopwatch)?;
+        self.front_end.prepare(frame)?;
+        timings.preprocess_ms = stopwatch.lap();
+        let Some(mut gpu) = self.gpu.take() else {
+            return Ok(None);
+        };
+        let submitted = gpu.submit(&self.front_end.working());
+        timings.features_ms = stopwatch.lap();
+        if let Err(error) = self.front_end.detect() {
+            self.gpu = Some(gpu);
+            return Err(error);
+        }
+        timings.lines_ms = stopwatch.lap();
+        let features = self.front_end.features_without_descriptors();
+        let finished = match submitted {
+            Ok(()) => {
+                gpu.finish(
+                    &features.segments,
+                    &mut features.keypoints,
+                    &mut self.predictions,
+                )
+                .await
+            }
+            Err(error) => Err(error),
+        };
+        timings.regress_ms = stopwatch.lap();
+        match finished {
+            Ok(()) => {
+                self.gpu = Some(gpu);
+                Ok(Some(timings))
+            }
+            Err(error) => {
+                self.gpu_failure = Some(error.to_string());
+                Ok(None)
+            }
+        }
+    }
+
+    /// Features and predictions by the CPU.
+    fn run_on_cpu(
+        &mut self,
+        frame: &FrameView<'_>,
+        stopwatch: &mut Stopwatch<'_>,
+    ) -> Result<StageTimings, LocateError> {
+        let mut timings = StageTimings::default();
+        let stages = self.front_end.run_timed(frame, stopwatch)?;
         timings.preprocess_ms = stages.preprocess_ms;
         timings.features_ms = stages.features_ms;
         timings.lines_ms = stages.lines_ms;
@@ -198,7 +305,19 @@ impl Relocalizer {
         let features = self.front_end.features();
         self.regressor.run(features, &mut self.predictions)?;
         timings.regress_ms = stopwatch.lap();
+        Ok(timings)
+    }
 
+    /// From predictions to the report.
+    fn solve(
+        &mut self,
+        frame: &FrameView<'_>,
+        query: &Query<'_>,
+        (sensor_camera, source, focal): (Camera, CameraSource, Focal),
+        mut timings: StageTimings,
+        stopwatch: &mut Stopwatch<'_>,
+    ) -> Result<Report, LocateError> {
+        let features = self.front_end.features();
         correspond::from_predictions(
             features,
             &self.predictions,

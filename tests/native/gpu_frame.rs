@@ -18,7 +18,7 @@ use landline::{
 use landline_testkit::skip_without_gpu;
 
 /// Small random weights; scaled by the number of inputs so that activations neither vanish nor grow.
-fn random_weights(specs: &[TensorSpec], rng: &mut Rng) -> Weights {
+pub(crate) fn random_weights(specs: &[TensorSpec], rng: &mut Rng) -> Weights {
     let mut weights = Weights::new();
     for spec in specs {
         let fan_in: usize = spec.shape.iter().skip(1).product();
@@ -38,7 +38,7 @@ fn random_weights(specs: &[TensorSpec], rng: &mut Rng) -> Weights {
 }
 
 /// A picture with structure at several scales.
-fn picture(width: usize, height: usize, rng: &mut Rng) -> GrayImage {
+pub(crate) fn picture(width: usize, height: usize, rng: &mut Rng) -> GrayImage {
     let mut data = Vec::with_capacity(width * height);
     for y in 0..height {
         for x in 0..width {

@@ -5,6 +5,8 @@ mod docs;
 mod gpu;
 #[cfg(feature = "webgpu")]
 mod gpu_frame;
+#[cfg(feature = "webgpu")]
+mod gpu_relocalizer;
 mod layering;
 mod lsd_golden;
 mod nn;

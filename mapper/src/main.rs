@@ -18,6 +18,7 @@ struct Cli {
 enum Command {
     Convert(cmd::convert::Args),
     Data(cmd::data::Args),
+    Demo(cmd::demo::Args),
     Features(cmd::features::Args),
     Inspect(cmd::inspect::Args),
     Labels(cmd::labels::Args),
@@ -28,6 +29,7 @@ fn main() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::Convert(args) => cmd::convert::run(args),
         Command::Data(args) => cmd::data::run(args),
+        Command::Demo(args) => cmd::demo::run(args),
         Command::Features(args) => cmd::features::run(args),
         Command::Inspect(args) => cmd::inspect::run(args),
         Command::Labels(args) => cmd::labels::run(args),

@@ -5,6 +5,7 @@ use super::timings::Stopwatch;
 use crate::features::{Extractor, ExtractorOptions, FeatureSet, KeypointParams};
 use crate::geometry::{Segment2, WorkingFromSensor};
 use crate::image::{FrameView, GrayImage, gray_from_frame, working_from_gray};
+use crate::lsd::post::{self, PostParams, Rank};
 use crate::lsd::{self, LsdParams, LsdScratch};
 use crate::models::{ExtractorKind, Sampler};
 use crate::scene_file::ExtractorFile;
@@ -47,6 +48,17 @@ impl FrontEndOptions {
     }
 }
 
+impl FrontEndOptions {
+    fn post(&self) -> PostParams {
+        PostParams {
+            min_length_px: self.min_segment_px,
+            max_count: self.max_segments,
+            rank: Rank::Length,
+            ..PostParams::default()
+        }
+    }
+}
+
 /// Milliseconds of the stages in here.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct FrontEndTimings {
@@ -64,7 +76,6 @@ pub struct FrontEnd {
     gray: GrayImage,
     working: GrayImage,
     segments: Vec<Segment2>,
-    lengths: Vec<f64>,
     features: FeatureSet,
     working_from_sensor: WorkingFromSensor,
 }
@@ -94,7 +105,6 @@ impl FrontEnd {
             gray: GrayImage::default(),
             working: GrayImage::default(),
             segments: Vec::new(),
-            lengths: Vec::new(),
             features: FeatureSet::default(),
             working_from_sensor: WorkingFromSensor::from_scale(1.0, 1.0),
         })
@@ -169,13 +179,9 @@ impl FrontEnd {
     /// Segments of the working image.
     pub(super) fn detect(&mut self) -> Result<(), LocateError> {
         let found = lsd::detect(&self.working.view(), &self.options.lsd, &mut self.lsd)?;
-        longest(
-            found,
-            self.options.min_segment_px,
-            self.options.max_segments,
-            &mut self.lengths,
-            &mut self.segments,
-        );
+        self.segments.clear();
+        self.segments.extend_from_slice(found);
+        post::apply(&mut self.segments, &self.options.post());
         Ok(())
     }
 
@@ -225,68 +231,4 @@ fn check(options: &FrontEndOptions, extractor: ExtractorKind) -> Result<(), Crea
         value: options.lsd.scale,
         expected: "parameters in the detector's ranges",
     })
-}
-
-/// The `most` longest segments of at least a length, in the order in which they came.
-fn longest(
-    found: &[Segment2],
-    min_px: f64,
-    most: usize,
-    lengths: &mut Vec<f64>,
-    out: &mut Vec<Segment2>,
-) {
-    lengths.clear();
-    lengths.extend(
-        found
-            .iter()
-            .map(Segment2::length_px)
-            .filter(|l| *l >= min_px),
-    );
-    let mut limit = min_px;
-    if lengths.len() > most {
-        lengths.sort_unstable_by(|a, b| b.total_cmp(a));
-        limit = most
-            .checked_sub(1)
-            .and_then(|last| lengths.get(last).copied())
-            .unwrap_or(f64::INFINITY);
-    }
-    out.clear();
-    out.extend(
-        found
-            .iter()
-            .filter(|s| s.length_px() >= limit)
-            .take(most)
-            .copied(),
-    );
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::geometry::Pixel;
-
-    fn of_length(px: f64) -> Segment2 {
-        Segment2 {
-            start: Pixel::new(0.0, 0.0),
-            end: Pixel::new(px, 0.0),
-            width_px: 1.0,
-            precision: 0.125,
-            neg_log10_nfa: 1.0,
-        }
-    }
-
-    #[test]
-    fn keeps_the_longest_in_their_order() {
-        let found: Vec<_> = [30.0, 5.0, 80.0, 40.0, 40.0, 25.0].map(of_length).to_vec();
-        let kept = |min, most| {
-            let mut out = Vec::new();
-            longest(&found, min, most, &mut Vec::new(), &mut out);
-            out.iter().map(Segment2::length_px).collect::<Vec<_>>()
-        };
-        assert_eq!(kept(20.0, 10), [30.0, 80.0, 40.0, 40.0, 25.0]);
-        assert_eq!(kept(20.0, 3), [80.0, 40.0, 40.0]);
-        assert_eq!(kept(20.0, 2), [80.0, 40.0]);
-        assert!(kept(20.0, 0).is_empty());
-        assert!(kept(100.0, 5).is_empty());
-    }
 }

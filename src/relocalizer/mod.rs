@@ -46,6 +46,9 @@ use timings::Stopwatch;
 const ASSUMED_FOCAL: f64 = 0.85;
 /// Fewer features than this are not worth a look.
 const MIN_FEATURES: usize = 8;
+/// Fewer things that agree are not believed, whatever the evidence says: repeated predictions (a network that was taught
+/// another place) are not independent of each other, and the solver's evidence takes them to be.
+const MIN_INLIERS: u32 = 12;
 /// A focal length known worse than this makes tracking limited.
 const MAX_TRACKED_SIGMA_LN: f64 = 0.05;
 /// Nats of evidence above chance that make a pose 63 % sure, 95 % at three times as much.
@@ -350,7 +353,10 @@ impl Relocalizer {
             stopwatch.clock(),
         )?;
 
-        let found = solved.located().copied();
+        let found = solved
+            .located()
+            .filter(|e| e.num_point_inliers + e.num_line_inliers >= MIN_INLIERS)
+            .copied();
         let reason = if found.is_some() {
             None
         } else if counts.num_keypoints + counts.num_segments < MIN_FEATURES {

@@ -44,7 +44,11 @@ impl RelocalizerOptions {
             max_segments: 300,
             max_points: 300,
             max_lines: 150,
-            pose: PoseOptions::default(),
+            // Hopeless frames use up all iterations: with 100,000 they would cost seconds. Good ones stop after hundreds.
+            pose: PoseOptions {
+                max_iterations: 10_000,
+                ..PoseOptions::default()
+            },
             smoothing: Smoothing::Off,
         }
     }

@@ -2,6 +2,7 @@
 
 pub mod convert;
 pub mod data;
+pub mod demo;
 pub mod features;
 pub mod inspect;
 pub mod labels;

@@ -3,9 +3,11 @@ import { onChange, markReady } from "./privacy.js";
 import { Relocalizer, camera, checkSupport, clearCache, follow } from "landline";
 import { clearOverlay, drawOverlay } from "./overlay.js";
 import { SeenMap } from "./map.js";
-import { droppedFiles, releasePlaylist, samplePlaylist, sortFiles } from "./sources.js";
-import { drawPlot, poseError, summary, toCsv } from "./evaluate.js";
-import { bytes, facts, length, LoadBars, ms, problem, sentence, showResult, showScene, status } from "./panels.js";
+import { wireDrop } from "./drop.js";
+import { releasePlaylist, samplePlaylist, sortFiles } from "./sources.js";
+import { addRow, save, showSummary } from "./report.js";
+import { poseError, summary, toCsv } from "./evaluate.js";
+import { LoadBars, problem, sentence, showPrivacy, showResult, showScene, status } from "./panels.js";
 
 const $ = (id) => document.getElementById(id);
 const query = new URLSearchParams(location.search);
@@ -500,56 +502,17 @@ async function evaluateFolder({ pictures, poseFile, numTruth, skippedLines }) {
     }
     if (run !== state.run) break;
     state.rows.push(row);
-    addRow(row);
+    addRow(row, state.metric);
     progress.value = i + 1;
-    if (i % 5 === 4 || i + 1 === pictures.length) showSummary();
+    if (i % 5 === 4 || i + 1 === pictures.length) showSummary(state.rows, state.metric);
   }
   progress.hidden = true;
   $("stop-evaluation").hidden = true;
   if (run === state.run) {
-    showSummary();
+    showSummary(state.rows, state.metric);
     status("good", "Evaluated", `${state.rows.length} pictures.`);
     $("evaluation").dataset.done = "true";
   }
-}
-
-function addRow(row) {
-  const cells = [
-    row.name,
-    row.located ? (row.hasTruth ? length(row.distance, state.metric) : "–") : (row.failed ?? "not located"),
-    row.located && row.hasTruth ? `${row.degrees.toFixed(2)}°` : "–",
-    `${row.pointInliers} + ${row.lineInliers}`,
-    row.ms ? row.ms.toFixed(0) : "–",
-  ];
-  const tr = $("evaluation-table").tBodies[0].insertRow();
-  cells.forEach((text) => (tr.insertCell().textContent = text));
-}
-
-function showSummary() {
-  const s = summary(state.rows);
-  const percent = (v) => `${(100 * v).toFixed(1)} %`;
-  const rows = [["Pictures", `${s.pictures}, ${s.located} located`]];
-  if (s.withTruth > 0) {
-    const finite = (value, text) => (Number.isFinite(value) ? text : "over half not located");
-    rows.push(
-      ["Median error", finite(s.medianDistance, `${length(s.medianDistance, state.metric)}, ${s.medianDegrees.toFixed(2)}°`)],
-      ["Within 2 cm, 2°", percent(s.recall2cm2deg)],
-      ["Within 5 cm, 5°", percent(s.recall5cm5deg)],
-      ["Within 10 cm, 5°", percent(s.recall10cm5deg)],
-    );
-  }
-  rows.push(["Median time", ms(s.medianMs)]);
-  facts($("evaluation-facts"), rows);
-  drawPlot($("evaluation-plot"), state.rows);
-}
-
-function save(name, text, type) {
-  const url = URL.createObjectURL(new Blob([text], { type }));
-  const link = document.createElement("a");
-  link.href = url;
-  link.download = name;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(url), 1000);
 }
 
 // Controls -----------------------------------------------------------------------------------------------------------
@@ -634,7 +597,7 @@ function wire() {
     $("forget").textContent = "Removed";
   });
   document.addEventListener("keydown", onKey);
-  wireDrop();
+  wireDrop((files) => startFiles(files, false));
   new ResizeObserver(redraw).observe($("overlay"));
 }
 
@@ -663,39 +626,6 @@ function onKey(event) {
   event.preventDefault();
 }
 
-function wireDrop() {
-  let depth = 0;
-  const hasFiles = (event) => event.dataTransfer?.types.includes("Files");
-  document.addEventListener("dragenter", (event) => {
-    if (!hasFiles(event)) return;
-    depth += 1;
-    $("drop").hidden = false;
-  });
-  document.addEventListener("dragleave", () => {
-    depth = Math.max(0, depth - 1);
-    if (depth === 0) $("drop").hidden = true;
-  });
-  document.addEventListener("dragover", (event) => event.preventDefault());
-  document.addEventListener("drop", async (event) => {
-    event.preventDefault();
-    depth = 0;
-    $("drop").hidden = true;
-    if (event.dataTransfer) await startFiles(await droppedFiles(event.dataTransfer), false);
-  });
-}
-
-function wirePrivacy() {
-  onChange(({ bytes: sent, requests, afterReady }) => {
-    $("bytes-sent").textContent = `${bytes(sent).replace(" B", sent === 1 ? " byte" : " bytes")} sent`;
-    $("privacy").dataset.sent = sent > 0 ? "yes" : "no";
-    facts($("privacy-facts"), [
-      ["Sent", `${sent} bytes`],
-      ["Files loaded", `${requests}, all from ${location.host}`],
-      ["Since ready", `${afterReady} of them`],
-    ]);
-  });
-}
-
 async function registerOffline() {
   if (!("serviceWorker" in navigator) || query.has("no-offline")) return;
   try {
@@ -706,7 +636,7 @@ async function registerOffline() {
 }
 
 wire();
-wirePrivacy();
+onChange(showPrivacy);
 void registerOffline();
 const support = await checkSupport();
 if (!support.ok) {

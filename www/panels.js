@@ -233,3 +233,14 @@ export function sentence(text) {
   const capital = text.charAt(0).toUpperCase() + text.slice(1);
   return /[.!?]$/.test(capital) ? capital : `${capital}.`;
 }
+
+/** What has been sent, in the badge and in the dialog. */
+export function showPrivacy({ bytes: sent, requests, afterReady }) {
+  $("bytes-sent").textContent = `${bytes(sent).replace(" B", sent === 1 ? " byte" : " bytes")} sent`;
+  $("privacy").dataset.sent = sent > 0 ? "yes" : "no";
+  facts($("privacy-facts"), [
+    ["Sent", `${sent} bytes`],
+    ["Files loaded", `${requests}, all from ${location.host}`],
+    ["Since ready", `${afterReady} of them`],
+  ]);
+}

@@ -59,24 +59,3 @@ export async function sortFiles(files) {
 export function releasePlaylist(playlist) {
   for (const { thumb } of playlist) if (thumb?.startsWith("blob:")) URL.revokeObjectURL(thumb);
 }
-
-/** Files of a drop, folders opened. */
-export async function droppedFiles(transfer) {
-  const entries = [...transfer.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
-  if (entries.length === 0) return [...transfer.files];
-  const files = [];
-  const visit = async (entry) => {
-    if (entry.isFile) {
-      files.push(await new Promise((done, fail) => entry.file(done, fail)));
-    } else {
-      const reader = entry.createReader();
-      for (;;) {
-        const batch = await new Promise((done, fail) => reader.readEntries(done, fail));
-        if (batch.length === 0) break;
-        for (const child of batch) await visit(child);
-      }
-    }
-  };
-  for (const entry of entries) await visit(entry);
-  return files;
-}

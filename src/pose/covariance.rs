@@ -10,8 +10,8 @@ use super::residuals;
 use super::types::Degeneracy;
 use nalgebra::{Matrix3, Matrix6, Vector3};
 
-/// Heavy-tailed residuals make the inverse normal matrix optimistic; measured on synthetic scenes with matched noise.
-const OPTIMISM: f64 = 1.2;
+/// The reweighted normal matrix of a bivariate Student-t exceeds its Fisher information by (tail + 4) / (tail + 2).
+const OPTIMISM: f64 = 1.36;
 
 /// A rotation known worse than this (radians), or a position known worse than this share of the scene scale, is not known.
 const MAX_SIGMA_RAD: f64 = 0.15;

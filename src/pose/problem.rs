@@ -6,7 +6,7 @@
 use super::options::PoseOptions;
 use super::types::{LineCorrespondence, PointCorrespondence};
 use crate::geometry::{CamFromWorld, Camera, Pixel};
-use crate::math::elementary::{ln, logit};
+use crate::math::elementary::{exp, ln, logit};
 use crate::math::stats::{median_in_place, weighted_median_in_place};
 use nalgebra::{Matrix3, Vector2, Vector3};
 
@@ -25,8 +25,9 @@ pub(super) struct PointItem {
     pub(super) uv: Vector2<f64>,
     /// Normalised world point.
     pub(super) x: Vector3<f64>,
-    /// Logit of the prior inlier probability.
+    /// Logit of the prior inlier probability, and its odds.
     pub(super) logit: f64,
+    pub(super) odds: f64,
     /// Prior inlier probability.
     pub(super) prior: f64,
     /// Standard deviation of the world point in normalised units; 0 when unknown.
@@ -45,6 +46,7 @@ pub(super) struct LineItem {
     pub(super) direction: Vector3<f64>,
     pub(super) length_px: f64,
     pub(super) logit: f64,
+    pub(super) odds: f64,
     pub(super) prior: f64,
     pub(super) sigma: f64,
     pub(super) source: u32,
@@ -90,6 +92,9 @@ pub(super) struct Problem {
     /// ln of the density (per square pixel) of the residual of an outlier.
     pub(super) ln_null_point: f64,
     pub(super) ln_null_line: f64,
+    /// The densities themselves.
+    pub(super) null_point: f64,
+    pub(super) null_line: f64,
     pub(super) num_invalid: u32,
     pub(super) num_outside_view: u32,
     pairs: Vec<(f64, f64)>,
@@ -126,6 +131,8 @@ impl Problem {
         let (w, h) = (f64::from(camera.width), f64::from(camera.height));
         self.ln_null_point = -ln(w * h);
         self.ln_null_line = -ln(w * w + h * h);
+        self.null_point = 1.0 / (w * h);
+        self.null_line = 1.0 / (w * w + h * h);
         let (fx, fy) = (self.fx, self.fy);
         let centered = |p: Pixel| -> Option<Vector2<f64>> {
             let b = camera.bearing_from_pixel(p)?;
@@ -160,6 +167,7 @@ impl Problem {
                 uv,
                 x: p.point_in_world,
                 logit,
+                odds: exp(logit),
                 prior: crate::math::elementary::logistic(logit),
                 sigma: f64::from(p.sigma_m),
                 source: i as u32,
@@ -201,6 +209,7 @@ impl Problem {
                 direction: (l.end_in_world - l.start_in_world) / length,
                 length_px,
                 logit,
+                odds: exp(logit),
                 prior: crate::math::elementary::logistic(logit),
                 sigma: f64::from(l.sigma_m),
                 source: i as u32,

@@ -182,7 +182,7 @@ mod tests {
     fn file() -> Vec<u8> {
         let mut bytes = b"PLB1".to_vec();
         bytes.extend(1u32.to_le_bytes());
-        let mut numbers = |values: &[f64]| {
+        let numbers = |values: &[f64]| {
             values
                 .iter()
                 .flat_map(|v| v.to_le_bytes())

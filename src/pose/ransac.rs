@@ -9,7 +9,7 @@ use super::options::{Focal, Gravity, PoseOptions};
 use super::problem::{LineItem, MIN_DEPTH, Model, Problem};
 use super::refine::{Refiner, Soft};
 use super::residuals;
-use super::sampler::{NUM_DISTRIBUTIONS, Sampler};
+use super::sampler::{NUM_DISTRIBUTIONS, REST, Sampler};
 use super::scoring::{Ranker, Ranking};
 use super::solvers::{
     FocalSolutions, ImageLineCentered, SampleLine, Solutions, SolverKind, p1p2ll, p2p1ll, p3ll,
@@ -29,6 +29,11 @@ const RIVAL_SHARE: f32 = 0.6;
 
 /// Local optimisations of rivals at most.
 const MAX_RIVAL_OPTIMIZATIONS: u32 = 64;
+
+/// A rival structure that explains at least this share of what the best model explains is looked for on purpose, with at
+/// most so many samples.
+const RIVAL_INLIER_SHARE: f64 = 0.75;
+const MAX_RIVAL_SAMPLES: u32 = 1000;
 
 /// Iterations between two looks at the clock and the stopping rule.
 const ROUND: u32 = 32;
@@ -251,8 +256,48 @@ impl Search {
             run.stats.iterations += 1;
             self.iterate(&mut run);
         }
+        self.look_for_rival(&mut run, out_of_time);
         run.stats.items_evaluated = self.ranker.items_evaluated;
         run.stats
+    }
+
+    /// Samples only what the best model leaves unexplained: in a place with repeated structure the second answer is there.
+    fn look_for_rival(&mut self, run: &mut Run<'_>, out_of_time: &mut dyn FnMut() -> bool) {
+        if self.kept.is_empty() {
+            return;
+        }
+        self.mark_inliers(run);
+        self.sampler
+            .build_rest(run.problem, &self.is_point_inlier, &self.is_line_inlier);
+        let count = |is: &[bool]| is.iter().filter(|is| **is).count() as f64;
+        let (np, nl) = (count(&self.is_point_inlier), count(&self.is_line_inlier));
+        // Share of inliers among the rest that the weakest rival of interest would have.
+        let share = |inliers: f64, total: usize| {
+            RIVAL_INLIER_SHARE * inliers / (total as f64 - inliers).max(1.0)
+        };
+        let (sp, sl) = (
+            share(np, run.problem.points.len()),
+            share(nl, run.problem.lines.len()),
+        );
+        if sp.max(sl) > 1.0 {
+            return; // there is not enough left
+        }
+        let total: f64 = run.choice.iter().sum();
+        let mut hit = 0.0;
+        for (choice, c) in run.choice.iter().zip(&run.compositions) {
+            if let Some(c) = c {
+                hit += choice / total * c.usefulness * sp.powi(c.points) * sl.powi(c.lines);
+            }
+        }
+        // 95 % of the rivals of that size are found.
+        let wanted = 3.0 / hit.max(1e-9);
+        let samples = (wanted.min(f64::from(MAX_RIVAL_SAMPLES)) as u32).min(run.stats.iterations);
+        for i in 0..samples {
+            if i % ROUND == 0 && out_of_time() {
+                return;
+            }
+            self.sample(run, REST);
+        }
     }
 
     /// Chances of the compositions from the present distribution and, once there is one, the best model.
@@ -374,6 +419,12 @@ impl Search {
         if self.sampler.epoch() != before {
             self.plan(run);
         }
+        self.sample(run, d);
+    }
+
+    /// One sample from a distribution.
+    fn sample(&mut self, run: &mut Run<'_>, d: usize) {
+        let problem = run.problem;
         let total: f64 = run.choice.iter().sum();
         let mut pick = run.rng.uniform() * total;
         let mut k = 0;

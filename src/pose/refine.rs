@@ -10,14 +10,15 @@ use super::problem::{Model, Problem};
 use super::residuals::{self, Row};
 use super::scoring::evidence;
 use crate::geometry::vector_from_rotation;
-use crate::math::elementary::{exp, ln, ln_1p, logistic, softplus};
+use crate::math::elementary::{exp, ln};
 use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3};
 
-/// Degrees of freedom of the Student-t: regressed coordinates have tails between those of 3 and 4.
-const TAIL: f64 = 3.5;
+/// Degrees of freedom of the Student-t. Regressed coordinates have tails between those of 3 and 4, and with 4 the density
+/// is the inverse cube of `1 + r^2 / (4 sigma^2)`: no transcendental function for each correspondence.
+const TAIL: f64 = 4.0;
 
-/// An exponent below which a correspondence has no say.
-const NEGLIGIBLE: f64 = -16.0;
+/// Odds of being an inlier below which a correspondence has no say.
+const NEGLIGIBLE: f64 = 1e-7;
 
 pub(super) type Matrix7 = SMatrix<f64, 7, 7>;
 pub(super) type Vector7 = SVector<f64, 7>;
@@ -47,11 +48,40 @@ pub(super) struct Soft {
     pub(super) sigma_ln_focal: Option<f64>,
 }
 
-/// Variance and evidence weight of one correspondence; variance 0 marks one that takes no part.
+/// Variance of one correspondence and its odds of being an inlier at zero residual; variance 0 marks one that takes no part.
 #[derive(Debug, Clone, Copy)]
 struct Frozen {
     variance: f64,
-    weight: f64,
+    odds: f64,
+}
+
+/// ln of a product of many factors of at least one, with few logarithms.
+#[derive(Debug, Clone, Copy)]
+struct LnProduct {
+    product: f64,
+    sum: f64,
+}
+
+impl LnProduct {
+    fn new() -> Self {
+        Self {
+            product: 1.0,
+            sum: 0.0,
+        }
+    }
+
+    #[inline]
+    fn multiply(&mut self, factor: f64) {
+        self.product *= factor;
+        if self.product > 1e150 {
+            self.sum += ln(self.product);
+            self.product = 1.0;
+        }
+    }
+
+    fn ln(self) -> f64 {
+        self.sum + ln(self.product)
+    }
 }
 
 /// Normal equations `h step = -g` and the loss.
@@ -123,8 +153,8 @@ struct Near {
     r_sq: f64,
     /// (f / depth)^2
     gain_sq: f64,
-    /// Logit minus the terms that do not depend on the noise.
-    base: f64,
+    /// Odds of being an inlier at zero residual and unit variance.
+    odds: f64,
     sigma: f64,
 }
 
@@ -157,21 +187,19 @@ pub(super) struct Refined {
     pub(super) log_ratio: f64,
 }
 
-fn student(weight: f64, r_sq: f64, variance: f64) -> (f64, f64) {
-    let q = r_sq / variance;
-    let x = weight - 0.5 * (TAIL + 2.0) * ln_1p(q / TAIL);
-    if x < NEGLIGIBLE {
-        return (0.0, 0.0);
-    }
-    // softplus and logistic share the exponential.
-    let (gain, posterior) = if x > 0.0 {
-        let e = exp(-x);
-        (x + ln_1p(e), 1.0 / (1.0 + e))
-    } else {
-        let e = exp(x);
-        (ln_1p(e), e / (1.0 + e))
-    };
-    (gain, posterior * (TAIL + 2.0) / ((TAIL + q) * variance))
+/// Posterior odds of being an inlier, and the weight in the normal equations.
+#[inline]
+fn student(odds: f64, r_sq: f64, variance: f64) -> (f64, f64) {
+    let t = 1.0 + r_sq / (TAIL * variance);
+    let odds = odds / (t * t * t);
+    let posterior = odds / (1.0 + odds);
+    (odds, posterior * (TAIL + 2.0) / (TAIL * t * variance))
+}
+
+/// Odds at zero residual: prior odds over the densities of inlier and outlier.
+#[inline]
+fn odds_at_zero(prior_odds: f64, variance: f64, null_density: f64) -> f64 {
+    prior_odds / (core::f64::consts::TAU * variance * null_density)
 }
 
 impl Refiner {
@@ -268,11 +296,12 @@ impl Refiner {
         let mut model = *start;
         let mut noise = Noise {
             sigma_px,
-            world_sigma: self.initial_world_sigma(problem, &model, sigma_px),
+            world_sigma: 0.0,
             point_offset: 0.0,
             line_offset: 0.0,
             inflation: 1.6,
         };
+        noise.world_sigma = self.initial_world_sigma(problem, &model, &noise);
         let mut normal = Normal::new();
         for round in 0..rounds {
             let is_last = round + 1 == rounds;
@@ -296,25 +325,23 @@ impl Refiner {
 
     /// Sum of ln(1 / (1 - prior)): what the hypothesis of no inliers would gain.
     fn prior_mass(&self, problem: &Problem, noise: &Noise) -> f64 {
-        let points: f64 = problem
-            .points
-            .iter()
-            .map(|p| softplus(p.logit + noise.point_offset))
-            .sum();
-        let lines: f64 = problem
-            .lines
-            .iter()
-            .map(|l| softplus(l.logit + noise.line_offset))
-            .sum();
-        points + lines
+        let (point_factor, line_factor) = (exp(noise.point_offset), exp(noise.line_offset));
+        let mut mass = LnProduct::new();
+        for p in &problem.points {
+            mass.multiply(1.0 + point_factor * p.odds);
+        }
+        for l in &problem.lines {
+            mass.multiply(1.0 + line_factor * l.odds);
+        }
+        mass.ln()
     }
 
     /// Median over the correspondences within the ranking threshold of what their residual says about the world noise.
-    fn initial_world_sigma(&mut self, problem: &Problem, model: &Model, sigma_px: f64) -> f64 {
+    fn initial_world_sigma(&mut self, problem: &Problem, model: &Model, noise: &Noise) -> f64 {
+        let sigma_px = noise.sigma_px;
         // Median of a chi-square with two degrees of freedom, over two.
         const MEDIAN: f64 = 1.386;
-        self.near.clear();
-        self.collect_near(problem, model, 17.0);
+        self.collect_near(problem, model, 17.0, noise);
         self.values.clear();
         self.values.extend(
             self.near
@@ -331,7 +358,11 @@ impl Refiner {
     }
 
     /// Correspondences whose squared residual is below `limit` ranking variances.
-    fn collect_near(&mut self, problem: &Problem, model: &Model, limit: f64) {
+    fn collect_near(&mut self, problem: &Problem, model: &Model, limit: f64, noise: &Noise) {
+        let (point_factor, line_factor) = (
+            odds_at_zero(exp(noise.point_offset), 1.0, problem.null_point),
+            odds_at_zero(exp(noise.line_offset), 1.0, problem.null_line),
+        );
         let (fx, fy) = (problem.fx, problem.fy);
         let f_sq = fx * fy * model.focal * model.focal;
         self.near.clear();
@@ -342,7 +373,7 @@ impl Refiner {
                     self.near.push(Near {
                         r_sq,
                         gain_sq: f_sq * res.inverse_depth_sq(),
-                        base: item.logit - problem.ln_null_point,
+                        odds: item.odds * point_factor,
                         sigma: item.sigma,
                     });
                 }
@@ -357,7 +388,7 @@ impl Refiner {
                     self.near.push(Near {
                         r_sq,
                         gain_sq: f_sq * res.inverse_depth_sq(),
-                        base: item.logit - problem.ln_null_line,
+                        odds: item.odds * line_factor,
                         sigma: item.sigma,
                     });
                 }
@@ -370,9 +401,10 @@ impl Refiner {
         // The shares first: posteriors at the current frozen noise against the priors.
         let (fx, fy) = (problem.fx, problem.fy);
         self.freeze(problem, model, noise);
+        let factor = exp(noise.point_offset);
         let (mut found, mut expected) = (0.0, 0.0);
         for (item, frozen) in problem.points.iter().zip(&self.points) {
-            expected += logistic(item.logit + noise.point_offset);
+            expected += probability(factor * item.odds);
             if frozen.variance > 0.0
                 && let Some((res, ..)) = residuals::point(fx, fy, model, item)
             {
@@ -380,9 +412,10 @@ impl Refiner {
             }
         }
         noise.point_offset += share_step(found, expected, problem.points.len());
+        let factor = exp(noise.line_offset);
         (found, expected) = (0.0, 0.0);
         for (item, frozen) in problem.lines.iter().zip(&self.lines) {
-            expected += logistic(item.logit + noise.line_offset);
+            expected += probability(factor * item.odds);
             if frozen.variance > 0.0
                 && let Some((res, _)) = residuals::line(fx, fy, model, item)
             {
@@ -390,18 +423,17 @@ impl Refiner {
             }
         }
         noise.line_offset += share_step(found, expected, problem.lines.len());
-        self.collect_near(problem, model, 400.0);
+        self.collect_near(problem, model, 400.0, noise);
         let px = noise.sigma_px * noise.sigma_px;
         let value = |near: &[Near], world: f64| -> f64 {
-            near.iter()
-                .map(|n| {
-                    let s = if n.sigma > 0.0 { n.sigma } else { world };
-                    let variance = px + n.gain_sq * s * s;
-                    let w = n.base - ln(core::f64::consts::TAU * variance);
-                    let x = w - 0.5 * (TAIL + 2.0) * ln_1p(n.r_sq / (TAIL * variance));
-                    if x > NEGLIGIBLE { softplus(x) } else { 0.0 }
-                })
-                .sum()
+            let mut gain = LnProduct::new();
+            for n in near {
+                let s = if n.sigma > 0.0 { n.sigma } else { world };
+                let variance = px + n.gain_sq * s * s;
+                let t = 1.0 + n.r_sq / (TAIL * variance);
+                gain.multiply(1.0 + n.odds / (variance * t * t * t));
+            }
+            gain.ln()
         };
         let smallest = self.smallest_world_sigma(problem, noise.sigma_px);
         let mut best = noise.world_sigma;
@@ -435,8 +467,9 @@ impl Refiner {
         };
         let none = Frozen {
             variance: 0.0,
-            weight: 0.0,
+            odds: 0.0,
         };
+        let (point_factor, line_factor) = (exp(noise.point_offset), exp(noise.line_offset));
         self.points.clear();
         self.points.extend(problem.points.iter().map(|item| {
             residuals::point(fx, fy, model, item).map_or(none, |(res, ..)| {
@@ -446,7 +479,7 @@ impl Refiner {
                 }
                 Frozen {
                     variance: v,
-                    weight: evidence(item.logit + noise.point_offset, v, problem.ln_null_point),
+                    odds: odds_at_zero(point_factor * item.odds, v, problem.null_point),
                 }
             })
         }));
@@ -461,7 +494,7 @@ impl Refiner {
                 }
                 Frozen {
                     variance: v,
-                    weight: evidence(item.logit + noise.line_offset, v, problem.ln_null_line),
+                    odds: odds_at_zero(line_factor * item.odds, v, problem.null_line),
                 }
             })
         }));
@@ -472,8 +505,8 @@ impl Refiner {
         let mut n = Normal::new();
         let (fx, fy) = (problem.fx, problem.fy);
         let has_focal = soft.sigma_ln_focal.is_some();
-        let mut add = |rows: [Row; 2], r: [f64; 2], gain: f64, weight: f64| {
-            n.cost -= gain;
+        let mut gain = LnProduct::new();
+        let mut add = |rows: [Row; 2], r: [f64; 2], weight: f64| {
             if has_focal {
                 n.add::<7>(&rows, &r, weight);
             } else {
@@ -484,10 +517,11 @@ impl Refiner {
             if frozen.variance > 0.0
                 && let Some((res, z, u)) = residuals::point(fx, fy, model, item)
             {
-                let (gain, weight) = student(frozen.weight, res.squared(), frozen.variance);
-                if weight > 0.0 {
+                let (odds, weight) = student(frozen.odds, res.squared(), frozen.variance);
+                if odds > NEGLIGIBLE {
+                    gain.multiply(1.0 + odds);
                     let rows = residuals::point_rows(fx, fy, model, &z, &u);
-                    add(rows, res.r, gain, weight);
+                    add(rows, res.r, weight);
                 }
             }
         }
@@ -495,13 +529,15 @@ impl Refiner {
             if frozen.variance > 0.0
                 && let Some((res, state)) = residuals::line(fx, fy, model, item)
             {
-                let (gain, weight) = student(frozen.weight, res.squared(), frozen.variance);
-                if weight > 0.0 {
+                let (odds, weight) = student(frozen.odds, res.squared(), frozen.variance);
+                if odds > NEGLIGIBLE {
+                    gain.multiply(1.0 + odds);
                     let rows = residuals::line_rows(fx, fy, model, item, &res, &state);
-                    add(rows, res.r, gain, weight);
+                    add(rows, res.r, weight);
                 }
             }
         }
+        n.cost = -gain.ln();
         add_soft(&mut n, model, soft);
         n.mirror();
         n
@@ -553,7 +589,7 @@ impl Refiner {
         self.freeze(problem, &refined.model, &refined.noise);
     }
 
-    /// Source index, posterior inlier probability and evidence weight of every correspondence.
+    /// Source index, posterior inlier probability and odds at zero residual of every correspondence.
     pub(super) fn posteriors(
         &self,
         problem: &Problem,
@@ -566,20 +602,24 @@ impl Refiner {
                 Some((res, ..)) if frozen.variance > 0.0 => posterior(frozen, res.squared()),
                 _ => 0.0,
             };
-            report(Kind::Point, item.source, p, frozen.weight);
+            report(Kind::Point, item.source, p, frozen.odds);
         }
         for (item, frozen) in problem.lines.iter().zip(&self.lines) {
             let p = match residuals::line(fx, fy, model, item) {
                 Some((res, _)) if frozen.variance > 0.0 => posterior(frozen, res.squared()),
                 _ => 0.0,
             };
-            report(Kind::Line, item.source, p, frozen.weight);
+            report(Kind::Line, item.source, p, frozen.odds);
         }
     }
 }
 
+fn probability(odds: f64) -> f64 {
+    odds / (1.0 + odds)
+}
+
 fn posterior(frozen: &Frozen, r_sq: f64) -> f64 {
-    logistic(frozen.weight - 0.5 * (TAIL + 2.0) * ln_1p(r_sq / (TAIL * frozen.variance)))
+    probability(student(frozen.odds, r_sq, frozen.variance).0)
 }
 
 /// Change of the common logit that moves the expected number of inliers towards the found one; bounded for few items.
@@ -722,12 +762,24 @@ mod tests {
 
     #[test]
     fn student_weight_is_the_derivative_of_its_gain() {
-        for r_sq in [0.0, 0.5, 4.0, 30.0, 200.0] {
+        let gain = |r_sq: f64| (1.0 + student(150.0, r_sq, 2.0).0).ln();
+        for r_sq in [0.5, 4.0, 30.0, 200.0] {
             let h = 1e-5;
-            let (_, weight) = student(5.0, r_sq + h, 2.0);
-            let numeric =
-                (student(5.0, r_sq + 2.0 * h, 2.0).0 - student(5.0, r_sq, 2.0).0) / (2.0 * h);
+            let (_, weight) = student(150.0, r_sq, 2.0);
+            let numeric = (gain(r_sq + h) - gain(r_sq - h)) / (2.0 * h);
             assert!((numeric + 0.5 * weight).abs() < 1e-5 * (1.0 + weight));
         }
+    }
+
+    #[test]
+    fn ln_product_is_the_sum_of_logarithms() {
+        let mut product = LnProduct::new();
+        let mut sum = 0.0;
+        for i in 0..2_000 {
+            let factor = 1.0 + f64::from(i * i);
+            product.multiply(factor);
+            sum += factor.ln();
+        }
+        assert!((product.ln() - sum).abs() < 1e-9 * sum);
     }
 }

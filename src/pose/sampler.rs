@@ -1,20 +1,24 @@
 //! Draws minimal samples: more often from what the network believes in, and of the kind that pays most.
 //!
 //! Items are drawn with probability proportional to prior^beta; beta falls from 3 to 1/2 over the epochs, so that the first
-//! samples bet on the network and the later ones forgive it. A tenth of the samples is uniform throughout, which guards
-//! against a network that is confidently wrong.
+//! samples bet on the network and the later ones forgive it; when all that has not settled the matter, the exponents take
+//! turns. A tenth of the samples is uniform throughout, which guards against a network that is confidently wrong.
+//! A last distribution draws only from what the best model leaves unexplained: it looks for a rival structure.
 
 use super::problem::Problem;
 use crate::math::Rng;
 
 /// Draws after which the next exponent holds, and the exponents as powers of sqrt(prior).
-const EPOCHS: [(u32, i32); 4] = [(64, 6), (512, 4), (4096, 2), (u32::MAX, 1)];
+const EPOCHS: [(u32, i32); 4] = [(64, 6), (512, 4), (4096, 2), (8192, 1)];
 
-/// Number of item distributions: the epochs and the uniform one.
-pub(super) const NUM_DISTRIBUTIONS: usize = EPOCHS.len() + 1;
+/// Number of item distributions: the epochs, the uniform one, the rest.
+pub(super) const NUM_DISTRIBUTIONS: usize = EPOCHS.len() + 2;
 
 /// Index of the uniform distribution.
 const UNIFORM: usize = EPOCHS.len();
+
+/// Index of the distribution over what the best model leaves unexplained.
+pub(super) const REST: usize = EPOCHS.len() + 1;
 
 /// Share of uniform samples.
 const UNIFORM_SHARE: f64 = 0.1;
@@ -109,16 +113,32 @@ impl Sampler {
 
     /// Chooses the distribution of the next sample.
     pub(super) fn next_distribution(&mut self, problem: &Problem, rng: &mut Rng) -> usize {
-        if self.draws >= EPOCHS[self.epoch].0 {
+        if self.draws >= EPOCHS[self.epoch].0 && self.epoch + 1 < EPOCHS.len() {
             self.epoch += 1;
             self.build(problem, self.epoch);
         }
         self.draws += 1;
         if rng.uniform() < UNIFORM_SHARE {
             UNIFORM
+        } else if self.draws > EPOCHS[EPOCHS.len() - 1].0 {
+            self.draws as usize % EPOCHS.len()
         } else {
             self.epoch
         }
+    }
+
+    /// Builds the distribution over what a model leaves unexplained, in proportion to the prior.
+    pub(super) fn build_rest(
+        &mut self,
+        problem: &Problem,
+        is_point_explained: &[bool],
+        is_line_explained: &[bool],
+    ) {
+        let weight = |prior: f64, is_explained: bool| if is_explained { 0.0 } else { prior };
+        let points = problem.points.iter().zip(is_point_explained);
+        self.points[REST].build(points.map(|(p, is)| weight(p.prior, *is)));
+        let lines = problem.lines.iter().zip(is_line_explained);
+        self.lines[REST].build(lines.map(|(l, is)| weight(l.prior, *is)));
     }
 
     /// The distribution in force, for planning.
@@ -175,7 +195,7 @@ mod tests {
         let mut table = AliasTable::default();
         table.build([1.0, 2.0, 3.0, 0.0, 4.0].into_iter());
         let mut rng = Rng::from_seed(4);
-        let mut counts = [0.0; 5];
+        let mut counts = [0.0f64; 5];
         for _ in 0..100_000 {
             counts[table.draw(&mut rng)] += 1e-5;
         }

@@ -20,7 +20,10 @@ const REFINE_ROUNDS: usize = 4;
 const FINALIST_SHARE: f32 = 0.5;
 
 /// A runner-up with more than this share of the best model's log likelihood ratio makes the answer ambiguous.
-const AMBIGUOUS_RATIO: f64 = 0.9;
+const AMBIGUOUS_RATIO: f64 = 0.8;
+
+/// Log evidence that a pose must have: odds of 1000 to 1 against chance.
+const MIN_LOG_EVIDENCE: f64 = 6.9;
 
 /// Spread of ln f around 1.2 times the larger image side for a camera of which nothing is known.
 const UNKNOWN_FOCAL_SIGMA_LN: f64 = 1.0;
@@ -265,13 +268,15 @@ fn judge(
     scratch
         .search
         .refiner
-        .posteriors(problem, &best.model, |kind, i, p, weight| {
+        .posteriors(problem, &best.model, |kind, i, p, odds| {
             match kind {
                 Kind::Point => point_posteriors[i as usize] = p as f32,
                 Kind::Line => line_posteriors[i as usize] = p as f32,
             }
-            found += p;
-            weight_sum += p * weight;
+            if p > 0.01 {
+                found += p;
+                weight_sum += p * ln(odds);
+            }
         });
     let known: Uncertainty = covariance::uncertainty(problem, best, has_focal, limits);
     // The sample that made the model fits itself: its evidence is not evidence.
@@ -303,7 +308,7 @@ fn judge(
         log_evidence,
         runner_up,
     });
-    let is_supported = log_evidence > 0.0;
+    let is_supported = log_evidence > MIN_LOG_EVIDENCE;
     outcome.degeneracy = known.degeneracy.filter(|_| is_supported);
     outcome.status = if !is_supported {
         match outcome.stats.stop {

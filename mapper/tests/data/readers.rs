@@ -121,7 +121,7 @@ fn missing_and_damaged_pictures_are_counted_in_the_table() {
     for reason in [
         "picture is missing",
         "picture cannot be read",
-        "differ in aspect",
+        "picture and camera differ in aspect",
     ] {
         assert!(table.contains(&format!("1 x {reason}")), "{table}");
     }

@@ -148,3 +148,15 @@ pub fn read_gray(path: &Path) -> Result<GrayImage, PictureError> {
     })?;
     Ok(gray)
 }
+
+/// Writes a PNG; the file appears whole or not at all.
+///
+/// # Errors
+/// When the disk refuses.
+pub fn write_png(picture: &image::RgbImage, path: &Path) -> std::io::Result<()> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    picture
+        .write_to(&mut bytes, image::ImageFormat::Png)
+        .map_err(std::io::Error::other)?;
+    crate::files::write_bytes(path, bytes.get_ref())
+}

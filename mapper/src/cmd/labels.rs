@@ -1,10 +1,12 @@
 //! `landline labels`: features and 3D targets of training pictures in one file.
 
 use crate::dataset::{DataArgs, Split, open};
-use crate::feature_cache::FeatureCache;
+use crate::extract::Extraction;
 use crate::labels::{LabelParams, build};
 use crate::progress::Progress;
-use anyhow::{Context, Result, bail};
+use crate::scene::ExtractorArgs;
+use anyhow::{Context, Result};
+use landline::relocalizer::FrontEndOptions;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -13,12 +15,14 @@ use std::time::Instant;
 pub struct Args {
     #[command(flatten)]
     data: DataArgs,
+    #[command(flatten)]
+    extractor: ExtractorArgs,
     /// The label file to write.
     #[arg(long, short)]
     out: PathBuf,
-    /// Folder of cached features.
+    /// Folder of cached features; an interrupted run goes on from there.
     #[arg(long, value_name = "DIR")]
-    features: PathBuf,
+    features: Option<PathBuf>,
 }
 
 /// Makes the labels.
@@ -28,36 +32,27 @@ pub struct Args {
 pub fn run(args: Args) -> Result<()> {
     let dataset = open(&args.data)?;
     print!("{}", dataset.table());
-    let cache = FeatureCache::new(&args.features, "xfeat");
+    let extractor = args.extractor.read()?;
+    let options = FrontEndOptions::new(extractor.kind);
+    let extraction = Extraction::new(extractor, options, args.features.as_deref());
     let chosen: Vec<_> = dataset
         .of_split(Split::Train)
         .into_iter()
         .map(|i| &dataset.images[i])
         .collect();
-    let mut features = Vec::with_capacity(chosen.len());
-    for image in &chosen {
-        match cache.read(&image.name)? {
-            Some(f) => features.push(f),
-            None => bail!(
-                "no cached features of {} in {}",
-                image.name,
-                args.features.display()
-            ),
-        }
-    }
+    let start = Instant::now();
+    let features = extraction.all(&chosen, Progress::Terminal)?;
+    println!("Features: {:.1} s", start.elapsed().as_secs_f64());
     let start = Instant::now();
     let (labels, stats) = build(
         &chosen,
         features,
-        cache.maker(),
+        &extraction.maker(),
         &LabelParams::default(),
         &Progress::Terminal,
     )?;
     print!("{stats}");
-    println!(
-        "  time               {:.1} s",
-        start.elapsed().as_secs_f64()
-    );
+    println!("  time               {:.1} s", start.elapsed().as_secs_f64());
     labels
         .write(&args.out)
         .with_context(|| format!("writing labels to {}", args.out.display()))?;

@@ -17,7 +17,7 @@ mod text;
 mod transforms;
 mod tum;
 
-pub use open::{DataArgs, Format, open};
+pub use open::{DataArgs, Format, open, parse_camera};
 pub use pose_check::{PoseProblem, rigid_from_matrix};
 pub use split::{IndexRange, Split};
 

@@ -83,7 +83,11 @@ impl std::fmt::Display for PoseDirection {
     }
 }
 
-fn parse_camera(text: &str) -> Result<CameraRecord, String> {
+/// A camera from the command line: MODEL,width,height,parameters.
+///
+/// # Errors
+/// In words, for clap.
+pub fn parse_camera(text: &str) -> Result<CameraRecord, String> {
     let fields: Vec<&str> = text.split(',').map(str::trim).collect();
     let (&[model, width, height], params) = fields
         .split_first_chunk::<3>()

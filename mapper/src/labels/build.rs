@@ -5,7 +5,7 @@ use crate::dataset::DatasetImage;
 use crate::feature_cache::ImageFeatures;
 use crate::progress::Progress;
 use crate::tracks::{
-    Bundle, LineParams, MatchParams, PairParams, PointParams, View, build_line_tracks,
+    Bundle, LineParams, Misreading, check_convention, MatchParams, PairParams, PointParams, View, build_line_tracks,
     build_point_tracks, choose_pairs, line_pairs, line_residuals, match_pairs, mean_descriptor,
     mean_segment_descriptor, probe_depth,
 };
@@ -32,6 +32,19 @@ pub enum LabelError {
         "labels need at least two training pictures with poses, there are {0}; one picture shows no depth"
     )]
     TooFewPictures(usize),
+    /// The poses are of another convention than they were read as.
+    #[error(
+        "the poses contradict the pictures: {as_given:.0} % of the matches agree with them as given, {other:.0} % if they \
+         are {misreading}"
+    )]
+    PoseConvention {
+        /// Per cent.
+        as_given: f64,
+        /// Per cent.
+        other: f64,
+        /// What they seem to be.
+        misreading: Misreading,
+    },
     /// Nothing can be triangulated.
     #[error(
         "no two training pictures see the same things from different places: of {num_pictures} pictures, {what}. \
@@ -97,6 +110,15 @@ pub fn build(
         .iter()
         .map(|(image, pose, f)| View::new(image.camera, *pose, f))
         .collect();
+    if let Some(check) = check_convention(&views, 40, params.matches.min_cosine) {
+        if let Some(misreading) = check.misreading() {
+            return Err(LabelError::PoseConvention {
+                as_given: 100.0 * check.as_given,
+                other: 100.0 * check.best_other.1,
+                misreading,
+            });
+        }
+    }
     let no_overlap = |what: String| LabelError::NoOverlap {
         num_pictures: views.len(),
         what,

@@ -198,7 +198,7 @@ fn match_pair(
     params: &LineParams,
 ) -> Vec<SegmentMatch> {
     let (a, b) = (&views[i], &views[j]);
-    let e = essential(a, b);
+    let e = essential(&a.cam_from_world, &b.cam_from_world);
     let e_back = e.transpose();
     let (n_a, n_b) = (a.segment_ends.len(), b.segment_ends.len());
     if n_a == 0 || n_b == 0 {

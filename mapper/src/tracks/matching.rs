@@ -1,6 +1,7 @@
 //! Mutual nearest neighbours in descriptor space, checked against the known epipolar geometry.
 
 use super::View;
+use landline::geometry::CamFromWorld;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use rayon::prelude::*;
 
@@ -65,6 +66,15 @@ impl Default for Scratch {
     }
 }
 
+/// Mutual nearest neighbours without any geometry.
+pub(super) fn mutual_neighbours(
+    a_dn: &DMatrix<f32>,
+    b_dn: &DMatrix<f32>,
+    min_cosine: f32,
+) -> Vec<(u32, u32, f32)> {
+    mutual(a_dn, b_dn, min_cosine, &mut Scratch::default())
+}
+
 fn mutual(
     a_dn: &DMatrix<f32>,
     b_dn: &DMatrix<f32>,
@@ -112,8 +122,8 @@ fn mutual(
 }
 
 /// Maps a place on the plane of `a` to its epipolar line on the plane of `b`.
-pub(super) fn essential(a: &View, b: &View) -> Matrix3<f64> {
-    let b_from_a = b.cam_from_world * a.cam_from_world.inverse();
+pub(super) fn essential(a_from_world: &CamFromWorld, b_from_world: &CamFromWorld) -> Matrix3<f64> {
+    let b_from_a = *b_from_world * a_from_world.inverse();
     b_from_a.translation.cross_matrix() * b_from_a.rotation
 }
 
@@ -138,7 +148,7 @@ fn match_pair(
     scratch: &mut Scratch,
 ) -> Vec<Match> {
     let (a, b) = (&views[i], &views[j]);
-    let e = essential(a, b);
+    let e = essential(&a.cam_from_world, &b.cam_from_world);
     let limit = params.max_epipolar_px / (0.5 * (a.focal_px + b.focal_px));
     let place = |view: &View, k: u32| view.planar.get(k as usize).map(|p| p.push(1.0));
     mutual(

@@ -3,12 +3,14 @@
 //! Works on undistorted image planes: every keypoint and segment end is kept as (x / z, y / z) in camera space, and
 //! errors are multiplied by the focal length, so that they read as pixels for every camera model.
 
+mod convention;
 mod lines;
 mod matching;
 mod pairs;
 mod points;
 mod triangulate;
 
+pub use convention::{ConventionCheck, Misreading, check_convention};
 pub use lines::{LineParams, SegmentTrack, build_line_tracks, line_pairs};
 pub(crate) use lines::{line_residuals, mean_segment_descriptor};
 pub use matching::{Match, MatchParams, match_pairs};

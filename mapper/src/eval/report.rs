@@ -1,0 +1,138 @@
+//! The evaluation for people (table), for programs (JSON, CSV) and for a look (pictures of failures).
+
+use super::run::{Evaluation, STAGES};
+use super::THRESHOLDS;
+use crate::files;
+use serde_json::json;
+use std::fmt::Write as _;
+use std::io;
+use std::path::Path;
+
+/// The table that `landline eval` prints.
+pub fn table(evaluation: &Evaluation) -> String {
+    let mut out = String::new();
+    let _ = writeln!(
+        out,
+        "{:26} {:>9} {:>8} {:>8} {:>7} {:>7} {:>7} {:>9} {:>7} {:>6}",
+        "method", "located", "cm", "deg", "2/2", "5/5", "10/10", "inliers", "points", "lines"
+    );
+    for (name, s) in &evaluation.methods {
+        let recall = |cm: f64| {
+            THRESHOLDS
+                .iter()
+                .position(|(m, _)| (m * 100.0 - cm).abs() < 1e-6)
+                .and_then(|i| s.recalls.get(i))
+                .map_or_else(|| "-".to_owned(), |r| format!("{:.1}", 100.0 * r))
+        };
+        let count = |v: f64| if v.is_nan() { "-".to_owned() } else { format!("{v:.0}") };
+        let _ = writeln!(
+            out,
+            "{name:26} {:>9} {:>8.2} {:>8.3} {:>7} {:>7} {:>7} {:>9} {:>7} {:>6}",
+            format!("{}/{}", s.num_located, s.num_images),
+            100.0 * s.median_position,
+            s.median_rotation_deg,
+            recall(2.0),
+            recall(5.0),
+            recall(10.0),
+            "",
+            count(s.median_point_inliers),
+            count(s.median_line_inliers),
+        );
+    }
+    let _ = write!(out, "median ms per picture:");
+    for (stage, ms) in STAGES.iter().zip(evaluation.median_ms) {
+        let _ = write!(out, " {stage} {ms:.1}");
+    }
+    out.push('\n');
+    out
+}
+
+/// Everything as JSON.
+pub fn to_json(evaluation: &Evaluation, scene: &str, num_bytes: usize) -> serde_json::Value {
+    let thresholds: Vec<_> = THRESHOLDS
+        .iter()
+        .map(|(m, deg)| json!({ "position": m, "rotation_deg": deg }))
+        .collect();
+    let finite = |v: f64| if v.is_finite() { json!(v) } else { json!(null) };
+    let methods: Vec<_> = evaluation
+        .methods
+        .iter()
+        .map(|(name, s)| {
+            json!({
+                "name": name,
+                "num_images": s.num_images,
+                "num_located": s.num_located,
+                "median_position": finite(s.median_position),
+                "median_rotation_deg": finite(s.median_rotation_deg),
+                "recalls": s.recalls,
+                "median_point_inliers": finite(s.median_point_inliers),
+                "median_line_inliers": finite(s.median_line_inliers),
+            })
+        })
+        .collect();
+    let stages: serde_json::Map<String, serde_json::Value> = STAGES
+        .iter()
+        .zip(evaluation.median_ms)
+        .map(|(stage, ms)| ((*stage).to_owned(), json!(ms)))
+        .collect();
+    json!({
+        "scene": scene,
+        "scene_bytes": num_bytes,
+        "thresholds": thresholds,
+        "methods": methods,
+        "median_ms": stages,
+        "images": evaluation.images.iter().map(|image| json!({
+            "name": image.name,
+            "methods": image.methods,
+            "total_ms": image.total_ms,
+        })).collect::<Vec<_>>(),
+    })
+}
+
+/// One line a picture and method.
+pub fn per_image_csv(evaluation: &Evaluation) -> String {
+    let mut out =
+        "image,method,located,position,rotation_deg,point_inliers,line_inliers,total_ms,reason\n".to_owned();
+    let quoted = |text: &str| {
+        if text.contains([',', '"', '\n']) {
+            format!("\"{}\"", text.replace('"', "\"\""))
+        } else {
+            text.to_owned()
+        }
+    };
+    for image in &evaluation.images {
+        for ((name, _), m) in evaluation.methods.iter().zip(&image.methods) {
+            let number = |v: Option<f64>| v.map_or_else(String::new, |v| format!("{v:.6}"));
+            let _ = writeln!(
+                out,
+                "{},{},{},{},{},{},{},{:.2},{}",
+                quoted(&image.name),
+                quoted(name),
+                u8::from(m.error.is_some()),
+                number(m.error.map(|e| e.position)),
+                number(m.error.map(|e| e.rotation_deg)),
+                m.inliers.0,
+                m.inliers.1,
+                image.total_ms,
+                quoted(m.reason.as_deref().unwrap_or("")),
+            );
+        }
+    }
+    out
+}
+
+/// Writes `report.json`, `report.txt` and `per_image.csv`.
+///
+/// # Errors
+/// When the disk refuses.
+pub fn write_report(
+    evaluation: &Evaluation,
+    scene: &str,
+    num_bytes: usize,
+    folder: &Path,
+) -> io::Result<()> {
+    let json = serde_json::to_string_pretty(&to_json(evaluation, scene, num_bytes))?;
+    files::write_bytes(&folder.join("report.json"), json.as_bytes())?;
+    files::write_bytes(&folder.join("report.txt"), table(evaluation).as_bytes())?;
+    files::write_bytes(&folder.join("per_image.csv"), per_image_csv(evaluation).as_bytes())
+}

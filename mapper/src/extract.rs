@@ -1,0 +1,170 @@
+//! Features of a data set's pictures, by the same front end as the relocalizer, extracted once and cached.
+
+use crate::dataset::DatasetImage;
+use crate::feature_cache::{FeatureCache, FeatureCacheError, ImageFeatures};
+use crate::picture::{self, PictureError};
+use crate::progress::Progress;
+use landline::features::FeatureSet;
+use landline::image::GrayImage;
+use landline::image::{FrameView, PixelFormat};
+use landline::relocalizer::{CreateError, FrontEnd, FrontEndOptions, LocateError};
+use landline::scene_file::ExtractorFile;
+use rayon::prelude::*;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+/// Why features could not be made.
+#[derive(Debug, thiserror::Error)]
+pub enum ExtractError {
+    /// A picture that the import could open cannot be decoded.
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+    /// The cache refused.
+    #[error(transparent)]
+    Cache(#[from] FeatureCacheError),
+    /// The extractor and its options do not fit.
+    #[error(transparent)]
+    Create(#[from] CreateError),
+    /// A picture that the front end refuses.
+    #[error("features of {path}: {source}")]
+    Run {
+        /// The picture.
+        path: PathBuf,
+        /// Why.
+        source: LocateError,
+    },
+}
+
+/// Makes features and keeps them.
+pub struct Extraction {
+    file: ExtractorFile,
+    options: FrontEndOptions,
+    cache: Option<FeatureCache>,
+    idle: Mutex<Vec<FrontEnd>>,
+}
+
+impl Extraction {
+    /// Features of an extractor with options; with a folder they are kept there.
+    pub fn new(file: ExtractorFile, options: FrontEndOptions, folder: Option<&Path>) -> Self {
+        let maker = maker(&file, &options);
+        Self {
+            cache: folder.map(|f| FeatureCache::new(f, maker)),
+            file,
+            options,
+            idle: Mutex::new(Vec::new()),
+        }
+    }
+
+    /// Identity of the extractor and every setting that changes its features.
+    pub fn maker(&self) -> String {
+        maker(&self.file, &self.options)
+    }
+
+    /// The extractor.
+    pub fn extractor(&self) -> &ExtractorFile {
+        &self.file
+    }
+
+    /// Features of one picture, in its own pixels.
+    ///
+    /// # Errors
+    /// When the picture cannot be read or the cache cannot be used.
+    pub fn features(&self, image: &DatasetImage) -> Result<ImageFeatures, ExtractError> {
+        if let Some(cache) = &self.cache {
+            if let Some(features) = cache.read(&image.name)? {
+                return Ok(features);
+            }
+        }
+        let gray = picture::read_gray(&image.path)?;
+        let idle = self.idle.lock().map(|mut idle| idle.pop()).unwrap_or(None);
+        let mut front_end = match idle {
+            Some(front_end) => front_end,
+            None => FrontEnd::new(self.file.clone(), self.options)?,
+        };
+        let features = run(&mut front_end, &gray).map_err(|source| ExtractError::Run {
+            path: image.path.clone(),
+            source,
+        })?;
+        if let Ok(mut idle) = self.idle.lock() {
+            idle.push(front_end);
+        }
+        if let Some(cache) = &self.cache {
+            cache.write(&image.name, &features)?;
+        }
+        Ok(features)
+    }
+
+    /// Features of many pictures, in their order. What was done before an error or an interrupt stays in the cache.
+    ///
+    /// # Errors
+    /// The first one that [`Self::features`] meets.
+    pub fn all(
+        &self,
+        images: &[&DatasetImage],
+        progress: Progress,
+    ) -> Result<Vec<ImageFeatures>, ExtractError> {
+        let bar = progress.bar("extracting features", images.len());
+        let features = images
+            .par_iter()
+            .map(|image| {
+                let features = self.features(image);
+                bar.inc(1);
+                features
+            })
+            .collect();
+        bar.finish();
+        features
+    }
+}
+
+fn maker(file: &ExtractorFile, options: &FrontEndOptions) -> String {
+    format!("{} {} {options:?}", file.kind.name(), file.source_sha256)
+}
+
+fn run(front_end: &mut FrontEnd, gray: &GrayImage) -> Result<ImageFeatures, LocateError> {
+    let frame = FrameView {
+        bytes: &gray.data,
+        width: gray.width as u32,
+        height: gray.height as u32,
+        stride: gray.width,
+        format: PixelFormat::Luma8,
+    };
+    front_end.run(&frame)?;
+    let mut features = front_end.features().clone();
+    features.map_pixels(&front_end.working_from_sensor().inverse());
+    Ok(features.into())
+}
+
+impl From<FeatureSet> for ImageFeatures {
+    fn from(set: FeatureSet) -> Self {
+        Self {
+            pixels: set.keypoints.iter().map(|k| k.pixel).collect(),
+            scores: set.keypoints.iter().map(|k| k.score).collect(),
+            descriptor_len: set.descriptor_channels,
+            descriptors_nd: set.descriptors_nd,
+            segments: set.segments,
+            segment_descriptors_nsd: set.segment_descriptors_nsd,
+        }
+    }
+}
+
+impl From<ImageFeatures> for FeatureSet {
+    fn from(features: ImageFeatures) -> Self {
+        Self {
+            tokens: features.samples_per_segment(),
+            keypoints: features
+                .pixels
+                .iter()
+                .zip(&features.scores)
+                .map(|(pixel, score)| landline::features::Keypoint {
+                    pixel: *pixel,
+                    score: *score,
+                })
+                .collect(),
+            descriptors_nd: features.descriptors_nd,
+            segments: features.segments,
+            segment_descriptors_nsd: features.segment_descriptors_nsd,
+            descriptor_channels: features.descriptor_len,
+        }
+    }
+}

@@ -1,0 +1,62 @@
+//! Scene and extractor files from disk, and the relocalizer made of them.
+
+use anyhow::{Context, Result};
+use landline::relocalizer::{FrontEndOptions, Relocalizer, RelocalizerOptions};
+use landline::scene_file::{ExtractorFile, SceneFile};
+use std::path::{Path, PathBuf};
+
+/// Which extractor file to use.
+#[derive(Debug, Clone, clap::Args)]
+pub struct ExtractorArgs {
+    /// The extractor file, as `landline convert` writes it.
+    #[arg(long, value_name = "FILE", env = "LANDLINE_EXTRACTOR")]
+    pub extractor: PathBuf,
+}
+
+impl ExtractorArgs {
+    /// Reads the file.
+    ///
+    /// # Errors
+    /// When it is missing or no extractor.
+    pub fn read(&self) -> Result<ExtractorFile> {
+        let bytes = read(&self.extractor)?;
+        ExtractorFile::from_bytes(&bytes)
+            .with_context(|| format!("cannot use extractor {}", self.extractor.display()))
+    }
+}
+
+fn read(path: &Path) -> Result<Vec<u8>> {
+    std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))
+}
+
+/// A scene file and its size in bytes.
+///
+/// # Errors
+/// When it is missing or no scene.
+pub fn read_scene(path: &Path) -> Result<(SceneFile, usize)> {
+    let bytes = read(path)?;
+    let scene = SceneFile::from_bytes(&bytes)
+        .with_context(|| format!("cannot use scene {}", path.display()))?;
+    Ok((scene, bytes.len()))
+}
+
+/// The relocalizer of a scene.
+///
+/// # Errors
+/// When scene and extractor do not belong together.
+pub fn relocalizer(
+    scene: SceneFile,
+    extractor: ExtractorFile,
+    change: impl FnOnce(&mut RelocalizerOptions),
+) -> Result<Relocalizer> {
+    Relocalizer::new(scene, extractor, change).context("cannot prepare the scene")
+}
+
+/// The front end that a scene was taught with, for features outside the relocalizer.
+pub fn front_end_options(scene: &SceneFile) -> FrontEndOptions {
+    FrontEndOptions {
+        max_side: scene.info.working_max_side as usize,
+        sampler: scene.info.sampler,
+        ..FrontEndOptions::new(scene.info.extractor)
+    }
+}

@@ -38,8 +38,10 @@ pub fn line(picture: &mut RgbImage, from: Pixel, to: Pixel, width_px: f64, color
     } else {
         (1.0, 0.0)
     };
-    let x_range = (from.x.min(to.x) - reach).floor() as i64..=(from.x.max(to.x) + reach).ceil() as i64;
-    let y_range = (from.y.min(to.y) - reach).floor() as i64..=(from.y.max(to.y) + reach).ceil() as i64;
+    let x_range =
+        (from.x.min(to.x) - reach).floor() as i64..=(from.x.max(to.x) + reach).ceil() as i64;
+    let y_range =
+        (from.y.min(to.y) - reach).floor() as i64..=(from.y.max(to.y) + reach).ceil() as i64;
     for y in y_range {
         // Only the part of the row that is near the line.
         let py = y as f64 + 0.5;
@@ -139,12 +141,30 @@ mod tests {
     #[test]
     fn a_line_covers_its_pixels_and_nothing_else() {
         let mut picture = RgbImage::new(20, 10);
-        line(&mut picture, Pixel::new(-100.0, 5.5), Pixel::new(100.0, 5.5), 1.0, GREEN);
+        line(
+            &mut picture,
+            Pixel::new(-100.0, 5.5),
+            Pixel::new(100.0, 5.5),
+            1.0,
+            GREEN,
+        );
         assert!((0..20).all(|x| *picture.get_pixel(x, 5) == GREEN));
         assert!((0..20).all(|x| picture.get_pixel(x, 3).0 == [0; 3]));
         let before = picture.clone();
-        line(&mut picture, Pixel::new(30.0, 30.0), Pixel::new(90.0, 31.0), 1.0, RED);
-        line(&mut picture, Pixel::new(f64::NAN, 0.0), Pixel::new(9.0, 3.0), 1.0, RED);
+        line(
+            &mut picture,
+            Pixel::new(30.0, 30.0),
+            Pixel::new(90.0, 31.0),
+            1.0,
+            RED,
+        );
+        line(
+            &mut picture,
+            Pixel::new(f64::NAN, 0.0),
+            Pixel::new(9.0, 3.0),
+            1.0,
+            RED,
+        );
         assert_eq!(picture, before);
     }
 

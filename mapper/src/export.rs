@@ -28,7 +28,7 @@ pub struct Map {
 /// What a scene file holds in itself: the anchors of anchored branches. Other networks keep their map in their weights.
 pub fn scene_map(scene: &SceneFile) -> Map {
     let mut map = Map::default();
-    let mut values = |name: &str, width: usize| -> Vec<Vec<f64>> {
+    let values = |name: &str, width: usize| -> Vec<Vec<f64>> {
         let Some(tensor) = scene.weights.get(name) else {
             return Vec::new();
         };
@@ -168,7 +168,9 @@ pub fn write_glb(map: &Map, path: &Path) -> io::Result<()> {
                 binary.extend(v.to_le_bytes());
             }
         }
-        views.push(json!({ "buffer": 0, "byteOffset": offset, "byteLength": binary.len() - offset }));
+        views.push(
+            json!({ "buffer": 0, "byteOffset": offset, "byteLength": binary.len() - offset }),
+        );
         accessors.push(json!({
             "bufferView": views.len() - 1, "componentType": 5126, "count": vertices.len(), "type": "VEC3",
             "min": [low.x, low.y, low.z], "max": [high.x, high.y, high.z],
@@ -198,8 +200,6 @@ pub fn write_glb(map: &Map, path: &Path) -> io::Result<()> {
         // glTF cameras have y up and look along -z: half a turn about x from ours.
         let world_from_cam = cam_from_world.inverse();
         let [w, x, y, z] = world_from_cam.quaternion_wxyz();
-        let turned = [w, -z, y, -x];
-        let _ = turned;
         let t = world_from_cam.translation;
         children.push(nodes.len());
         nodes.push(json!({
@@ -232,7 +232,10 @@ pub fn write_glb(map: &Map, path: &Path) -> io::Result<()> {
             );
             object.insert("accessors".to_owned(), json!(accessors));
             object.insert("bufferViews".to_owned(), json!(views));
-            object.insert("buffers".to_owned(), json!([{ "byteLength": binary.len() }]));
+            object.insert(
+                "buffers".to_owned(),
+                json!([{ "byteLength": binary.len() }]),
+            );
         }
         if !cameras.is_empty() {
             object.insert("cameras".to_owned(), json!(cameras));
@@ -283,13 +286,24 @@ pub fn write_colmap(map: &Map, folder: &Path) -> io::Result<()> {
     }
     for (i, (name, camera, cam_from_world)) in map.cameras.iter().enumerate() {
         let record = CameraRecord::from_camera(camera);
-        let id = cameras.iter().position(|c| *c == record).unwrap_or_else(|| {
-            cameras.push(record);
-            cameras.len() - 1
-        }) + 1;
+        let id = cameras
+            .iter()
+            .position(|c| *c == record)
+            .unwrap_or_else(|| {
+                cameras.push(record);
+                cameras.len() - 1
+            })
+            + 1;
         let [w, x, y, z] = cam_from_world.quaternion_wxyz();
         let t = cam_from_world.translation;
-        let _ = writeln!(images, "{} {w} {x} {y} {z} {} {} {} {id} {name}", i + 1, t.x, t.y, t.z);
+        let _ = writeln!(
+            images,
+            "{} {w} {x} {y} {z} {} {} {} {id} {name}",
+            i + 1,
+            t.x,
+            t.y,
+            t.z
+        );
         if let (Some(keypoints), Some(owner)) = (map.keypoints.get(i), owner.get(i)) {
             for ([px, py], point) in keypoints.iter().zip(owner) {
                 match point {

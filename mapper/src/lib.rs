@@ -2,11 +2,16 @@
 
 pub mod cmd;
 pub mod dataset;
+pub mod draw;
+pub mod eval;
+pub mod export;
+pub mod extract;
 pub mod feature_cache;
 pub mod files;
 pub mod import;
 pub mod labels;
 pub mod picture;
 pub mod progress;
+pub mod scene;
 pub mod tracks;
 pub mod weights;

@@ -19,9 +19,12 @@ enum Command {
     Convert(cmd::convert::Args),
     Data(cmd::data::Args),
     Demo(cmd::demo::Args),
+    Eval(cmd::eval::Args),
+    Export(cmd::export::Args),
     Features(cmd::features::Args),
     Inspect(cmd::inspect::Args),
     Labels(cmd::labels::Args),
+    Locate(cmd::locate::Args),
     Pose(cmd::pose::Args),
 }
 
@@ -30,9 +33,12 @@ fn main() -> ExitCode {
         Command::Convert(args) => cmd::convert::run(args),
         Command::Data(args) => cmd::data::run(args),
         Command::Demo(args) => cmd::demo::run(args),
+        Command::Eval(args) => cmd::eval::run(args),
+        Command::Export(args) => cmd::export::run(args),
         Command::Features(args) => cmd::features::run(args),
         Command::Inspect(args) => cmd::inspect::run(args),
         Command::Labels(args) => cmd::labels::run(args),
+        Command::Locate(args) => cmd::locate::run(args),
         Command::Pose(args) => cmd::pose::run(args),
     };
     match outcome {

@@ -68,7 +68,9 @@ pub fn run(args: Args) -> Result<()> {
         .map(|i| &dataset.images[i])
         .collect();
     if tests.is_empty() {
-        bail!("the data set has no test pictures; choose some with --test (for example --test 800-899)");
+        bail!(
+            "the data set has no test pictures; choose some with --test (for example --test 800-899)"
+        );
     }
     let (scene, num_bytes) = read_scene(&args.scene)?;
     let extractor = args.extractor.read()?;
@@ -101,7 +103,10 @@ pub fn run(args: Args) -> Result<()> {
     bar.finish();
     let name = args.scene.display().to_string();
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&to_json(&evaluation, &name, num_bytes))?);
+        println!(
+            "{}",
+            serde_json::to_string_pretty(&to_json(&evaluation, &name, num_bytes))?
+        );
     } else {
         println!("{name}: {num_bytes} bytes");
         print!("{}", table(&evaluation));
@@ -189,6 +194,6 @@ fn draw_failure(
         }
     }
     let name = image.name.replace(['/', '\\'], "_");
-    crate::picture::write_png(&rgb, &folder.join("failures").join(format!("{name}.png")))?;
+    picture::write_png(&rgb, &folder.join("failures").join(format!("{name}.png")))?;
     Ok(())
 }

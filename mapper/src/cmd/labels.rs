@@ -52,7 +52,10 @@ pub fn run(args: Args) -> Result<()> {
         &Progress::Terminal,
     )?;
     print!("{stats}");
-    println!("  time               {:.1} s", start.elapsed().as_secs_f64());
+    println!(
+        "  time               {:.1} s",
+        start.elapsed().as_secs_f64()
+    );
     labels
         .write(&args.out)
         .with_context(|| format!("writing labels to {}", args.out.display()))?;

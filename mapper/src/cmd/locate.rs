@@ -40,7 +40,11 @@ pub struct Args {
 pub fn run(args: Args) -> Result<()> {
     let (scene, _) = read_scene(&args.scene)?;
     let extractor = args.extractor.read()?;
-    let given = args.camera.as_ref().map(CameraRecord::to_camera).transpose()?;
+    let given = args
+        .camera
+        .as_ref()
+        .map(CameraRecord::to_camera)
+        .transpose()?;
     let scene_camera = scene.info.camera;
     let mut relocalizer = relocalizer(scene, extractor, |_| {})?;
     for path in &args.pictures {
@@ -87,7 +91,10 @@ fn print_report(path: &Path, report: &Report) {
             let center = l.cam_from_world.center_in_world();
             let [w, x, y, z] = l.cam_from_world.quaternion_wxyz();
             let t = l.cam_from_world.translation;
-            println!("  position   {:.4} {:.4} {:.4}", center.x, center.y, center.z);
+            println!(
+                "  position   {:.4} {:.4} {:.4}",
+                center.x, center.y, center.z
+            );
             println!(
                 "  cam_from_world  qwxyz {w:.6} {x:.6} {y:.6} {z:.6}  t {:.6} {:.6} {:.6}",
                 t.x, t.y, t.z
@@ -102,7 +109,7 @@ fn print_report(path: &Path, report: &Report) {
             );
             println!(
                 "  sure to    {:.4} in position, {:.3} deg (one sigma), confidence {:.3}",
-                l.estimate.sigma_position,
+                l.estimate.sigma_m,
                 l.estimate.sigma_rad.to_degrees(),
                 l.confidence
             );
@@ -116,7 +123,11 @@ fn print_report(path: &Path, report: &Report) {
             c.num_line_correspondences
         ),
     }
-    println!("  focal      {:.1} px ({:?})", report.camera.focal_px().0, report.camera_source);
+    println!(
+        "  focal      {:.1} px ({:?})",
+        report.camera.focal_px().0,
+        report.camera_source
+    );
     println!("  time       {:.1} ms", report.timings.total_ms);
 }
 
@@ -149,7 +160,11 @@ fn to_json(path: &Path, report: &Report) -> serde_json::Value {
     })
 }
 
-fn overlay(mut rgb: image::RgbImage, relocalizer: &Relocalizer, report: &Report) -> image::RgbImage {
+fn overlay(
+    mut rgb: image::RgbImage,
+    relocalizer: &Relocalizer,
+    report: &Report,
+) -> image::RgbImage {
     for (line, is_inlier) in relocalizer.lines() {
         let color = if is_inlier { draw::GREEN } else { draw::RED };
         draw::line(&mut rgb, line.start, line.end, 1.4, color);

@@ -3,7 +3,10 @@
 pub mod convert;
 pub mod data;
 pub mod demo;
+pub mod eval;
+pub mod export;
 pub mod features;
 pub mod inspect;
 pub mod labels;
+pub mod locate;
 pub mod pose;

@@ -72,7 +72,10 @@ impl Landmarks {
     pub fn correspond(&self, features: &FeatureSet) -> Vec<PointCorrespondence> {
         let d = features.descriptor_channels;
         let n = features.keypoints.len();
-        if self.len() < 2 || d != self.descriptors_dn.nrows() || features.descriptors_nd.len() != n * d {
+        if self.len() < 2
+            || d != self.descriptors_dn.nrows()
+            || features.descriptors_nd.len() != n * d
+        {
             return Vec::new();
         }
         let queries_dn = DMatrix::from_column_slice(d, n, &features.descriptors_nd);
@@ -115,7 +118,9 @@ mod tests {
     fn keeps_the_longest_tracks_and_refuses_unclear_matches() {
         let track = |x: f64, descriptor: Vec<f32>, n: u32| PointTrack {
             point_in_world: Vector3::new(x, 0.0, 2.0),
-            observations: (0..n).map(|image| Observation { image, feature: 0 }).collect(),
+            observations: (0..n)
+                .map(|image| Observation { image, feature: 0 })
+                .collect(),
             descriptor,
             mean_error_px: 1.0,
         };

@@ -6,14 +6,22 @@ mod run;
 
 pub use baseline::{Landmarks, baseline_size};
 pub use report::{per_image_csv, table, to_json, write_report};
-pub use run::{EvalError, EvalOptions, Evaluation, Evaluator, ImageResult, MethodResult, line_share};
+pub use run::{
+    EvalError, EvalOptions, Evaluation, Evaluator, ImageResult, MethodResult, line_share,
+};
 
 use landline::geometry::CamFromWorld;
 use landline::math::stats::median_in_place;
 use serde::Serialize;
 
 /// Thresholds of the recall table: metres and degrees.
-pub const THRESHOLDS: [(f64, f64); 5] = [(0.01, 1.0), (0.02, 2.0), (0.03, 3.0), (0.05, 5.0), (0.10, 10.0)];
+pub const THRESHOLDS: [(f64, f64); 5] = [
+    (0.01, 1.0),
+    (0.02, 2.0),
+    (0.03, 3.0),
+    (0.05, 5.0),
+    (0.10, 10.0),
+];
 
 /// How far a pose is from the truth.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -98,7 +106,13 @@ mod tests {
             })
         };
         let s = Summary::of(
-            &[e(0.004, 0.5), e(0.015, 6.0), e(0.04, 1.0), None, e(0.05, 1.0)],
+            &[
+                e(0.004, 0.5),
+                e(0.015, 6.0),
+                e(0.04, 1.0),
+                None,
+                e(0.05, 1.0),
+            ],
             &[(10, 1), (20, 2), (30, 3), (40, 4)],
         );
         assert_eq!((s.num_images, s.num_located), (5, 4));

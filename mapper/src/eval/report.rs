@@ -1,7 +1,7 @@
 //! The evaluation for people (table), for programs (JSON, CSV) and for a look (pictures of failures).
 
-use super::run::{Evaluation, STAGES};
 use super::THRESHOLDS;
+use super::run::{Evaluation, STAGES};
 use crate::files;
 use serde_json::json;
 use std::fmt::Write as _;
@@ -24,7 +24,13 @@ pub fn table(evaluation: &Evaluation) -> String {
                 .and_then(|i| s.recalls.get(i))
                 .map_or_else(|| "-".to_owned(), |r| format!("{:.1}", 100.0 * r))
         };
-        let count = |v: f64| if v.is_nan() { "-".to_owned() } else { format!("{v:.0}") };
+        let count = |v: f64| {
+            if v.is_nan() {
+                "-".to_owned()
+            } else {
+                format!("{v:.0}")
+            }
+        };
         let _ = writeln!(
             out,
             "{name:26} {:>9} {:>8.2} {:>8.3} {:>7} {:>7} {:>7} {:>9} {:>7} {:>6}",
@@ -92,7 +98,8 @@ pub fn to_json(evaluation: &Evaluation, scene: &str, num_bytes: usize) -> serde_
 /// One line a picture and method.
 pub fn per_image_csv(evaluation: &Evaluation) -> String {
     let mut out =
-        "image,method,located,position,rotation_deg,point_inliers,line_inliers,total_ms,reason\n".to_owned();
+        "image,method,located,position,rotation_deg,point_inliers,line_inliers,total_ms,reason\n"
+            .to_owned();
     let quoted = |text: &str| {
         if text.contains([',', '"', '\n']) {
             format!("\"{}\"", text.replace('"', "\"\""))
@@ -134,5 +141,8 @@ pub fn write_report(
     let json = serde_json::to_string_pretty(&to_json(evaluation, scene, num_bytes))?;
     files::write_bytes(&folder.join("report.json"), json.as_bytes())?;
     files::write_bytes(&folder.join("report.txt"), table(evaluation).as_bytes())?;
-    files::write_bytes(&folder.join("per_image.csv"), per_image_csv(evaluation).as_bytes())
+    files::write_bytes(
+        &folder.join("per_image.csv"),
+        per_image_csv(evaluation).as_bytes(),
+    )
 }

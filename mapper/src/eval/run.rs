@@ -11,7 +11,8 @@ use landline::geometry::CamFromWorld;
 use landline::image::{FrameView, PixelFormat};
 use landline::math::stats::median_in_place;
 use landline::pose::{
-    self, LineCorrespondence, PointCorrespondence, PoseError as SolverError, PoseOptions, PoseScratch,
+    self, LineCorrespondence, PointCorrespondence, PoseError as SolverError, PoseOptions,
+    PoseScratch,
 };
 use landline::relocalizer::{LocateError, Outcome, Query, Relocalizer};
 use nalgebra::Vector3;
@@ -93,7 +94,7 @@ pub struct Evaluation {
 }
 
 /// Names of the stages in the order of [`Evaluation::median_ms`].
-pub const STAGES: [&str; 6] = ["resize", "features", "lines", "networks", "solver", "all"];
+pub(super) const STAGES: [&str; 6] = ["resize", "features", "lines", "networks", "solver", "all"];
 
 /// Runs a scene over pictures.
 pub struct Evaluator<'a> {
@@ -179,7 +180,11 @@ impl<'a> Evaluator<'a> {
         })
     }
 
-    fn image(&mut self, image: &DatasetImage, has_lines: &mut bool) -> Result<ImageResult, EvalError> {
+    fn image(
+        &mut self,
+        image: &DatasetImage,
+        has_lines: &mut bool,
+    ) -> Result<ImageResult, EvalError> {
         let truth = image
             .cam_from_world
             .ok_or_else(|| EvalError::NoTruth(image.name.clone()))?;
@@ -204,7 +209,10 @@ impl<'a> Evaluator<'a> {
         let cam_from_world = report.outcome.located().map(|l| l.cam_from_world);
         methods.push(MethodResult {
             error: cam_from_world.map(|t| PoseError::between(&t, &truth)),
-            inliers: (report.counts.num_point_inliers, report.counts.num_line_inliers),
+            inliers: (
+                report.counts.num_point_inliers,
+                report.counts.num_line_inliers,
+            ),
             reason: match report.outcome {
                 Outcome::Located(_) => None,
                 Outcome::NotLocated(reason) => Some(reason.message().to_owned()),
@@ -230,7 +238,13 @@ impl<'a> Evaluator<'a> {
             methods,
             cam_from_world,
             total_ms: t.total_ms,
-            stages_ms: [t.preprocess_ms, t.features_ms, t.lines_ms, t.regress_ms, t.solve_ms],
+            stages_ms: [
+                t.preprocess_ms,
+                t.features_ms,
+                t.lines_ms,
+                t.regress_ms,
+                t.solve_ms,
+            ],
         })
     }
 
@@ -295,7 +309,9 @@ pub fn line_share(
                 return false;
             };
             let off = |x: &Vector3<f64>| ((x - a) - truth * (x - a).dot(&truth)).norm();
-            direction.dot(&truth).abs() >= cos_limit && off(p) <= max_distance && off(q) <= max_distance
+            direction.dot(&truth).abs() >= cos_limit
+                && off(p) <= max_distance
+                && off(q) <= max_distance
         })
         .count();
     good as f64 / predicted_and_true.len().max(1) as f64

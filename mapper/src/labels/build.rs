@@ -5,9 +5,9 @@ use crate::dataset::DatasetImage;
 use crate::feature_cache::ImageFeatures;
 use crate::progress::Progress;
 use crate::tracks::{
-    Bundle, LineParams, Misreading, check_convention, MatchParams, PairParams, PointParams, View, build_line_tracks,
-    build_point_tracks, choose_pairs, line_pairs, line_residuals, match_pairs, mean_descriptor,
-    mean_segment_descriptor, probe_depth,
+    Bundle, LineParams, MatchParams, Misreading, PairParams, PointParams, View, build_line_tracks,
+    build_point_tracks, check_convention, choose_pairs, line_pairs, line_residuals, match_pairs,
+    mean_descriptor, mean_segment_descriptor, probe_depth,
 };
 use landline::geometry::CamFromWorld;
 

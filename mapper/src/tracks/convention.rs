@@ -61,7 +61,11 @@ const MIN_MATCHES: usize = 30;
 const MAX_EPIPOLAR_PX: f64 = 3.0;
 
 /// Tests up to `num_pairs` pairs of pictures that follow each other at a distance in the list.
-pub fn check_convention(views: &[View], num_pairs: usize, min_cosine: f32) -> Option<ConventionCheck> {
+pub fn check_convention(
+    views: &[View],
+    num_pairs: usize,
+    min_cosine: f32,
+) -> Option<ConventionCheck> {
     let n = views.len();
     let step = (2 * n).div_ceil(num_pairs).max(1);
     let pairs: Vec<(usize, usize)> = (0..n)
@@ -73,7 +77,9 @@ pub fn check_convention(views: &[View], num_pairs: usize, min_cosine: f32) -> Op
         (None, |t| *t),
         (Some(Misreading::WorldFromCam), inverted),
         (Some(Misreading::OpenGlAxes), flipped),
-        (Some(Misreading::WorldFromOpenGlCam), |t| flipped(&inverted(t))),
+        (Some(Misreading::WorldFromOpenGlCam), |t| {
+            flipped(&inverted(t))
+        }),
     ];
     let shares: Vec<[f64; 4]> = pairs
         .par_iter()

@@ -10,6 +10,8 @@
 //!   of its own.
 //! * **Cost**: all buffers are kept from frame to frame; a change of the working size builds the extractor's plan anew.
 
+#[cfg(feature = "webgpu")]
+mod calibration;
 mod correspond;
 mod error;
 mod focal;
@@ -74,6 +76,9 @@ pub struct Relocalizer {
     focal: FocalMemory,
     #[cfg(feature = "webgpu")]
     gpu: Option<GpuNetworks>,
+    /// Present until it is decided whether the device is worth it.
+    #[cfg(feature = "webgpu")]
+    calibration: Option<calibration::Calibration>,
     gpu_failure: Option<String>,
 }
 
@@ -133,6 +138,8 @@ impl Relocalizer {
             focal: FocalMemory::default(),
             #[cfg(feature = "webgpu")]
             gpu: None,
+            #[cfg(feature = "webgpu")]
+            calibration: None,
             gpu_failure: None,
         })
     }
@@ -203,7 +210,7 @@ impl Relocalizer {
         let intrinsics = self.camera_for(frame, query)?;
         let mut stopwatch = Stopwatch::start(clock);
         let timings = self.run_on_cpu(frame, &mut stopwatch)?;
-        self.solve(frame, query, intrinsics, timings, &mut stopwatch)
+        self.solve(frame, query, intrinsics, timings, false, &mut stopwatch)
     }
 
     /// Moves the networks to a device. They stay there until it fails; then the CPU takes over, for that frame and all
@@ -211,7 +218,16 @@ impl Relocalizer {
     #[cfg(feature = "webgpu")]
     pub fn use_gpu(&mut self, gpu: GpuNetworks) {
         self.gpu = Some(gpu);
+        self.calibration = None;
         self.gpu_failure = None;
+    }
+
+    /// [`Self::use_gpu`] on trial: a few frames in, the faster of device and CPU is kept. If that is the CPU,
+    /// [`Self::gpu_failure`] tells both times.
+    #[cfg(feature = "webgpu")]
+    pub fn try_gpu(&mut self, gpu: GpuNetworks) {
+        self.use_gpu(gpu);
+        self.calibration = Some(calibration::Calibration::default());
     }
 
     /// The networks on a device, if they are there.
@@ -238,11 +254,34 @@ impl Relocalizer {
     ) -> Result<Report, LocateError> {
         let intrinsics = self.camera_for(frame, query)?;
         let mut stopwatch = Stopwatch::start(clock);
-        let timings = match self.run_on_gpu(frame, &mut stopwatch).await? {
+        let on_trial = self
+            .calibration
+            .as_ref()
+            .map(calibration::Calibration::turn);
+        let by_gpu = match on_trial {
+            Some(calibration::Turn::Cpu) => None,
+            Some(calibration::Turn::Gpu) | None => self.run_on_gpu(frame, &mut stopwatch).await?,
+        };
+        let timings = match by_gpu {
             Some(timings) => timings,
             None => self.run_on_cpu(frame, &mut stopwatch)?,
         };
-        self.solve(frame, query, intrinsics, timings, &mut stopwatch)
+        let networks_ms = stopwatch.total();
+        if self.gpu.is_none() {
+            self.calibration = None;
+        } else if let Some(calibration) = &mut self.calibration {
+            if by_gpu.is_some() {
+                calibration.gpu_frame(networks_ms);
+            } else {
+                if let Some(why) = calibration.decide(networks_ms) {
+                    self.gpu = None;
+                    self.gpu_failure = Some(why);
+                }
+                self.calibration = None;
+            }
+        }
+        let on_gpu = by_gpu.is_some();
+        self.solve(frame, query, intrinsics, timings, on_gpu, &mut stopwatch)
     }
 
     /// Features and predictions by the device; `None` when there is none or it failed.
@@ -318,6 +357,7 @@ impl Relocalizer {
         query: &Query<'_>,
         (sensor_camera, source, focal): (Camera, CameraSource, Focal),
         mut timings: StageTimings,
+        on_gpu: bool,
         stopwatch: &mut Stopwatch<'_>,
     ) -> Result<Report, LocateError> {
         let features = self.front_end.features();
@@ -407,6 +447,7 @@ impl Relocalizer {
         };
         Ok(Report {
             outcome,
+            on_gpu,
             camera: report_camera,
             camera_source: report_source,
             focal_sigma_ln,

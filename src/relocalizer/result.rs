@@ -117,6 +117,8 @@ pub struct Counts {
 pub struct Report {
     /// Located or not.
     pub outcome: Outcome,
+    /// Whether the networks of this frame ran on the GPU.
+    pub on_gpu: bool,
     /// Intrinsics that were used, in pixels of the frame, with the focal length as solved.
     pub camera: Camera,
     /// Where they come from.

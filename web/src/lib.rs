@@ -4,6 +4,7 @@
 //! whose layout `result` defines. Pixels are copied once, results once; no object is made per point.
 
 mod error;
+mod gpu;
 mod relocalizer;
 mod result;
 

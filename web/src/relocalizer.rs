@@ -1,12 +1,15 @@
 //! The relocalizer as JavaScript sees it.
 
 use crate::error::{Code, from_create, from_locate, js_error};
+use crate::gpu::{self, Device};
 use crate::performance_now;
 use crate::result::encode;
 use landline::geometry::{Camera, CameraModel};
 use landline::image::{FrameView, PixelFormat};
-use landline::relocalizer::{CameraSource, Query, Relocalizer, RelocalizerOptions, Smoothing};
-use landline::scene_file::{SceneFile, TensorFile, Units};
+use landline::relocalizer::{
+    CameraSource, CreateError, Query, Relocalizer, RelocalizerOptions, Smoothing,
+};
+use landline::scene_file::{ExtractorFile, SceneFile, TensorFile, Units};
 use serde::Deserialize;
 use wasm_bindgen::JsValue;
 use wasm_bindgen::prelude::wasm_bindgen;
@@ -90,7 +93,8 @@ pub struct RawRelocalizer {
     info: String,
     frame: Vec<u8>,
     result: Vec<f64>,
-    backend_reason: String,
+    /// Why the networks did not start on the GPU, if they did not.
+    backend_reason: Option<String>,
 }
 
 #[wasm_bindgen]
@@ -107,12 +111,18 @@ impl RawRelocalizer {
     ) -> Result<RawRelocalizer, JsValue> {
         let options = Options::parse(&options)?;
         let info = scene_info(&scene)?;
-        let core = Relocalizer::from_bytes(&scene, &extractor, |o| options.apply(o))
+        let device = Device::parse(&device).ok_or_else(|| {
+            let message = format!("device {device:?} is unknown; it must be auto, webgpu or cpu");
+            js_error(Code::BadInput, &message)
+        })?;
+        let scene =
+            SceneFile::from_bytes(&scene).map_err(|e| from_create(&CreateError::Scene(e)))?;
+        let extractor = ExtractorFile::from_bytes(&extractor)
+            .map_err(|e| from_create(&CreateError::Extractor(e)))?;
+        let change = |o: &mut RelocalizerOptions| options.apply(o);
+        let mut core = Relocalizer::new(scene.clone(), extractor.clone(), change)
             .map_err(|e| from_create(&e))?;
-        let backend_reason = match device.as_str() {
-            "cpu" => "the CPU was asked for".to_owned(),
-            _ => "this build runs on the CPU".to_owned(),
-        };
+        let backend_reason = gpu::choose(&mut core, device, &scene, &extractor, change).await;
         Ok(Self {
             core,
             info,
@@ -132,14 +142,20 @@ impl RawRelocalizer {
     /// What executes the networks.
     #[must_use]
     pub fn backend(&self) -> String {
-        "cpu".to_owned()
+        let on_gpu = self.core.gpu().is_some();
+        if on_gpu { "webgpu" } else { "cpu" }.to_owned()
     }
 
     /// Why not something faster.
     #[wasm_bindgen(js_name = backendReason)]
     #[must_use]
     pub fn backend_reason(&self) -> String {
-        self.backend_reason.clone()
+        let why = self.core.gpu_failure().or(self.backend_reason.as_deref());
+        match (why, self.core.gpu()) {
+            (Some(why), _) => why.to_owned(),
+            (None, Some(gpu)) => gpu.device().adapter_name(),
+            (None, None) => String::new(),
+        }
     }
 
     /// Makes room for a frame; its address in the engine's memory, valid until the next call.
@@ -217,9 +233,10 @@ impl RawRelocalizer {
         };
         let report = self
             .core
-            .locate(&frame, &query, &mut performance_now)
+            .locate_with_gpu(&frame, &query, &mut performance_now)
+            .await
             .map_err(|e| from_locate(&e))?;
-        encode(&self.core, &report, 0.0, include, &mut self.result);
+        encode(&self.core, &report, include, &mut self.result);
         Ok(())
     }
 
@@ -257,7 +274,7 @@ impl RawRelocalizer {
 
 /// The `SceneInfo` of `web/ts/types.ts`.
 fn scene_info(bytes: &[u8]) -> Result<String, JsValue> {
-    let scene = |e| from_create(&landline::relocalizer::CreateError::Scene(e));
+    let scene = |e| from_create(&CreateError::Scene(e));
     let file = TensorFile::parse(bytes).map_err(scene)?;
     let read = SceneFile::from_bytes(bytes).map_err(scene)?;
     let info = &read.info;

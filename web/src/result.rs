@@ -31,13 +31,7 @@ pub(crate) const LINES: u32 = 2;
 pub(crate) const SEGMENTS: u32 = 4;
 
 /// Writes a report and the lists that were asked for.
-pub(crate) fn encode(
-    relocalizer: &Relocalizer,
-    report: &Report,
-    backend: f64,
-    include: u32,
-    out: &mut Vec<f64>,
-) {
+pub(crate) fn encode(relocalizer: &Relocalizer, report: &Report, include: u32, out: &mut Vec<f64>) {
     out.clear();
     out.resize(HEADER, 0.0);
     let mut put = |at: usize, values: &[f64]| {
@@ -98,7 +92,7 @@ pub(crate) fn encode(
         t.total_ms,
     ];
     put(90, &timings);
-    put(96, &[backend]);
+    put(96, &[f64::from(u8::from(report.on_gpu))]);
     if include & POINTS != 0 {
         put(97, &[n.num_point_correspondences as f64]);
     }

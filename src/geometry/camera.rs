@@ -495,13 +495,46 @@ mod tests {
         let (f, cx, cy, k): (f64, f64, f64, f64) = (900.0, 630.0, 365.0, 0.05);
         for model in [
             CameraModel::SimplePinhole { f, cx, cy },
-            CameraModel::Pinhole { fx: f, fy: 880.0, cx, cy },
+            CameraModel::Pinhole {
+                fx: f,
+                fy: 880.0,
+                cx,
+                cy,
+            },
             CameraModel::SimpleRadial { f, cx, cy, k },
-            CameraModel::Radial { f, cx, cy, k1: k, k2: -0.01 },
-            CameraModel::OpenCv { fx: f, fy: 880.0, cx, cy, k1: k, k2: 0.0, p1: 0.001, p2: 0.002 },
-            CameraModel::OpenCvFisheye { fx: f, fy: f, cx, cy, k1: k, k2: 0.0, k3: 0.0, k4: 0.0 },
+            CameraModel::Radial {
+                f,
+                cx,
+                cy,
+                k1: k,
+                k2: -0.01,
+            },
+            CameraModel::OpenCv {
+                fx: f,
+                fy: 880.0,
+                cx,
+                cy,
+                k1: k,
+                k2: 0.0,
+                p1: 0.001,
+                p2: 0.002,
+            },
+            CameraModel::OpenCvFisheye {
+                fx: f,
+                fy: f,
+                cx,
+                cy,
+                k1: k,
+                k2: 0.0,
+                k3: 0.0,
+                k4: 0.0,
+            },
         ] {
-            let camera = Camera { width: 1279, height: 721, model };
+            let camera = Camera {
+                width: 1279,
+                height: 721,
+                model,
+            };
             let resized = camera.resized(&map);
             assert_eq!((resized.width, resized.height), (640, 361));
             let expected = map.apply(camera.pixel_from_cam(&p).expect("in front"));

@@ -7,7 +7,7 @@
 use super::config::Specs;
 use super::error::ModelError;
 use super::fold::{Matrix, add, to_f32, to_f64};
-use crate::nn::{Activation, Dense, GraphBuilder, Tensor, WeightTensor, Weights};
+use crate::nn::{Activation, Dense, GraphBuilder, NnError, Tensor, WeightTensor, Weights};
 
 /// Epsilon of the line encoder's layer norms in the reference.
 pub(super) const LAYER_NORM_EPS: f32 = 1e-6;
@@ -41,15 +41,29 @@ pub(super) fn put_vector(made: &mut Weights, name: &str, v: &[f64]) -> Result<()
     Ok(())
 }
 
-/// Moves a tensor that the graph uses as it is.
+/// Moves a tensor that the graph uses as it is, in the precision that it has. The executor checks that it is finite.
 pub(super) fn pass(
     weights: &mut Weights,
     made: &mut Weights,
     name: &str,
     shape: &[usize],
 ) -> Result<(), ModelError> {
-    let data = weights.take_f32(name, shape)?;
-    made.insert(name, WeightTensor::f32(shape, data)?);
+    let Some(tensor) = weights.remove(name) else {
+        return Err(NnError::MissingWeight {
+            name: name.to_owned(),
+            expected: shape.to_vec(),
+        }
+        .into());
+    };
+    if tensor.shape() != shape {
+        return Err(NnError::WeightShape {
+            name: name.to_owned(),
+            found: tensor.shape().to_vec(),
+            expected: shape.to_vec(),
+        }
+        .into());
+    }
+    made.insert(name, tensor);
     Ok(())
 }
 

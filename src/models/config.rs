@@ -122,7 +122,7 @@ impl PointBranchConfig {
     /// Turns the tensors of [`Self::tensors`] into the weights of [`Self::graph`]. Tensors of other branches are left alone.
     ///
     /// # Errors
-    /// [`ModelError::Nn`] for a missing, misshapen or non-finite tensor.
+    /// [`ModelError::Nn`] for a missing or misshapen tensor.
     pub fn prepare(&self, weights: &mut Weights) -> Result<Weights, ModelError> {
         self.validate()?;
         match self {
@@ -184,7 +184,7 @@ impl LineBranchConfig {
     /// Turns the tensors of [`Self::tensors`] into the weights of [`Self::graph`]. Tensors of other branches are left alone.
     ///
     /// # Errors
-    /// [`ModelError::Nn`] for a missing, misshapen or non-finite tensor.
+    /// [`ModelError::Nn`] for a missing or misshapen tensor.
     pub fn prepare(&self, weights: &mut Weights) -> Result<Weights, ModelError> {
         self.validate()?;
         match self {

@@ -11,7 +11,7 @@ pub const CELL: usize = 8;
 /// A feature extractor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ExtractorKind {
-    /// XFeat (*XFeat: Accelerated Features for Lightweight Image Matching*).
+    /// XFeat [xfeat2024].
     Xfeat,
     /// SuperPoint with the layers of the first release.
     SuperPointV1,

@@ -1,4 +1,4 @@
-//! The network of *Improved 3D Point-Line Mapping Regression for Camera Relocalization*: two branches that share nothing.
+//! The network of [plmap2025]: two branches that share nothing.
 //!
 //! Points: prune by a sigmoid MLP on the descriptors, self-attention among the survivors, head. Lines: line encoder,
 //! self-attention among all, prune, head. A linear input layer comes first where the descriptor size differs from the width.

@@ -1,6 +1,6 @@
 //! SuperPoint: layers, tensor names, graph.
 //!
-//! Source: *SuperPoint: Self-Supervised Interest Point Detection and Description* (2018). The open re-training puts a batch
+//! Source: [superpoint2018]. The open re-training puts a batch
 //! norm *after* each activation. It cannot be folded into the next convolution, whose border of zeros it does not reach, so
 //! its two vectors stay as a channel-wise linear layer `NAME.post` (one group for each channel); where no activation lies
 //! between (the last layers of the heads) it is folded at import.

@@ -1,4 +1,4 @@
-//! PL2Map, the predecessor: points and lines in one graph network of alternating self- and cross-attention.
+//! PL2Map ([pl2map2025]), the predecessor: points and lines in one graph network of alternating self- and cross-attention.
 //!
 //! A layer's parameters serve both streams. Every element gets coordinates and one more number `x`; its reliability is
 //! `1 / (1 + 100 |x|)`. Used for imported checkpoints; it is not trained here.
@@ -168,7 +168,7 @@ impl V1Config {
     /// Turns a file's tensors into the weights of [`Self::graph`].
     ///
     /// # Errors
-    /// [`ModelError::Nn`] for a missing, misshapen or non-finite tensor.
+    /// [`ModelError::Nn`] for a missing or misshapen tensor.
     pub fn prepare(&self, weights: &mut Weights) -> Result<Weights, ModelError> {
         self.validate()?;
         let mut made = Weights::new();

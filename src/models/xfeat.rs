@@ -1,6 +1,6 @@
 //! XFeat: layers, tensor names, graph. Batch norms are folded at import (exact: they stand before the activation).
 //!
-//! Source: *XFeat: Accelerated Features for Lightweight Image Matching* (CVPR 2024) and its published weights.
+//! Source: [xfeat2024] and its published weights.
 
 use super::config::{Specs, TensorSpec};
 use super::error::ModelError;

@@ -1,5 +1,6 @@
 //! Checkpoints and scene files from anywhere: typed errors, no panic, no memory beyond the file's own size.
 
+use crate::memory::peak_bytes;
 use landline::models::{ExtractorKind, Preset, RegressorConfig};
 use landline::nn::{WeightTensor, Weights};
 use landline::scene_file::{ExtractorFile, Precision, SceneFile, SceneFileError, SceneInfo};
@@ -8,49 +9,6 @@ use landline_mapper::import::pickle::PickleError;
 use landline_mapper::import::{ImportError, ImportOptions, import};
 use landline_testkit::shared_data;
 use proptest::prelude::*;
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
-/// Counts the memory that each thread holds, so that a test can bound it.
-struct Counting;
-
-thread_local! {
-    static HELD: Cell<usize> = const { Cell::new(0) };
-    static PEAK: Cell<usize> = const { Cell::new(0) };
-}
-
-#[expect(
-    unsafe_code,
-    reason = "an allocator that counts cannot be written without"
-)]
-// SAFETY: every call goes to the system allocator with its own arguments; counting touches no memory of the caller.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        HELD.with(|held| {
-            held.set(held.get().saturating_add(layout.size()));
-            PEAK.with(|peak| peak.set(peak.get().max(held.get())));
-        });
-        // SAFETY: the caller's contract is the system allocator's.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, ptr: *mut u8, layout: Layout) {
-        HELD.with(|held| held.set(held.get().saturating_sub(layout.size())));
-        // SAFETY: the caller's contract is the system allocator's.
-        unsafe { System.dealloc(ptr, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
-
-/// Runs `f` and returns its result and the most memory it held beyond what was held before.
-fn peak_bytes<T>(f: impl FnOnce() -> T) -> (T, usize) {
-    let before = HELD.with(Cell::get);
-    PEAK.with(|peak| peak.set(before));
-    let out = f();
-    (out, PEAK.with(Cell::get).saturating_sub(before))
-}
 
 /// Small files may need this much for tables and messages.
 const SLACK: usize = 1 << 20;

@@ -3,4 +3,5 @@
 mod extractors;
 mod golden;
 mod hostile;
+mod memory;
 mod regressors;

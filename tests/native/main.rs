@@ -10,4 +10,5 @@ mod gpu_relocalizer;
 mod layering;
 mod lsd_golden;
 mod nn;
+mod portable;
 mod tree;

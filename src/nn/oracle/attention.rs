@@ -35,9 +35,10 @@ pub(super) fn attention(
         for head in 0..heads {
             let query = &q.row(row)[head * depth..][..depth];
             let scores: Vec<f64> = (0..k.rows)
-                .map(|key| match keep {
-                    Some(keep) if !(keep.row(key)[0] > 0.0) => f64::NEG_INFINITY,
-                    _ => f64::from(scale) * dot(query, &k.row(key)[head * depth..][..depth]),
+                .map(|key| {
+                    let takes_part = keep.is_none_or(|keep| keep.row(key)[0] > 0.0);
+                    let score = f64::from(scale) * dot(query, &k.row(key)[head * depth..][..depth]);
+                    if takes_part { score } else { f64::NEG_INFINITY }
                 })
                 .collect();
             let weights = softmax(&scores);

@@ -13,10 +13,10 @@ pub(super) fn detector_heat(x: View<'_>, block: usize) -> Vec<f32> {
             .map(|&z| libm::exp(f64::from(z) - f64::from(largest)))
             .collect();
         let sum: f64 = weights.iter().sum();
-        for place in 0..block * block {
+        for (place, weight) in weights[..block * block].iter().enumerate() {
             let out_y = row / x.grid.width * block + place / block;
             let out_x = row % x.grid.width * block + place % block;
-            y[out_y * width + out_x] = (weights[place] / sum) as f32;
+            y[out_y * width + out_x] = (weight / sum) as f32;
         }
     }
     y

@@ -1,5 +1,6 @@
 //! Multi-head attention with a streaming softmax: keys in tiles, the running maximum and sum per query.
 //!
+//! Exponentials are powers of two: the factor is part of the scores.
 //! The memory is independent of the square of the number of rows; within a tile both products use the matrix kernel.
 
 use super::{
@@ -8,14 +9,11 @@ use super::{
 };
 
 /// Keys per tile.
-const KEYS: usize = 256;
+const KEYS: usize = 128;
 /// Queries per block.
 const QUERIES: usize = 48;
 /// A score that no key has; its exponential beside any real score is zero.
 const NO_SCORE: f32 = -1e30;
-
-/// Scores that far below the largest have no part in the result: their weights are below 1e-13.
-const NEGLIGIBLE: f32 = -30.0;
 
 /// What an attention reads and writes.
 pub(in crate::nn::cpu) struct Attention<'a> {
@@ -90,6 +88,7 @@ fn attention_lanes<L: Lanes>(work: Attention<'_>) {
     for head in 0..heads {
         for first_key in (0..k.rows).step_by(KEYS) {
             let keys = (k.rows - first_key).min(KEYS);
+            let scale = scale * std::f32::consts::LOG2_E;
             pack_keys::<L>(k, first_key, keys, head * depth, depth, scale, packed_keys);
             pack_values::<L>(v, first_key, keys, head * width, width, packed_values);
             for first_query in (0..q.rows).step_by(QUERIES) {
@@ -129,14 +128,8 @@ fn attention_lanes<L: Lanes>(work: Attention<'_>) {
                     } else {
                         maxima[row]
                     };
-                    let (largest, sum) = exponentials::<L>(scores, before, keep);
-                    let change = before - largest;
-                    // Products with a tiny factor would be denormal, which is slow.
-                    let faded = if change < NEGLIGIBLE {
-                        0.0
-                    } else {
-                        L::splat(change).exp().largest()
-                    };
+                    let (largest, sum) = powers::<L>(scores, before, keep);
+                    let faded = L::splat(before - largest).exp2_of_score().largest();
                     let so_far = &mut out[row * out_stride + head * width..][..width];
                     if first_key == 0 {
                         sums[row] = sum;
@@ -235,16 +228,10 @@ fn pack_values<L: Lanes>(
     }
 }
 
-/// `exp(x)` without the numbers that would make denormal products: below about 1e-20 it is zero.
-#[inline(always)]
-fn exp_or_zero<L: Lanes>(x: L) -> L {
-    x.exp().sub(L::splat(1e-20)).max(L::splat(0.0))
-}
-
-/// Replaces scores by `exp(score - m)`, zero for keys that take no part; `m` is the largest of the scores and `before`.
+/// Replaces scores by `2^(score - m)`, zero for keys that take no part; `m` is the largest of the scores and `before`.
 /// Returns `m` and the sum.
 #[inline(always)]
-pub(super) fn exponentials<L: Lanes>(
+pub(super) fn powers<L: Lanes>(
     scores: &mut [f32],
     before: f32,
     keep: Option<Rows<'_>>,
@@ -253,46 +240,54 @@ pub(super) fn exponentials<L: Lanes>(
     let whole = count - count % L::LANES;
     if let Some(keep) = keep {
         for (key, score) in scores.iter_mut().enumerate() {
-            if !(keep.row(key)[0] > 0.0) {
-                *score = NO_SCORE;
-            }
+            *score = if keep.row(key)[0] > 0.0 {
+                *score
+            } else {
+                NO_SCORE
+            };
         }
     }
     let from = scores.as_mut_ptr();
     // SAFETY: all accesses are to the first `count` scores.
     let (largest, sum) = unsafe {
-        let mut largest = L::splat(before);
-        for first in (0..whole).step_by(L::LANES) {
-            largest = largest.max(L::load(from.add(first)));
+        let (mut even, mut odd) = (L::splat(before), L::splat(before));
+        let mut first = 0;
+        while first + 2 * L::LANES <= count {
+            even = even.max(L::load(from.add(first)));
+            odd = odd.max(L::load(from.add(first + L::LANES)));
+            first += 2 * L::LANES;
+        }
+        if first + L::LANES <= count {
+            even = even.max(L::load(from.add(first)));
         }
         if whole < count {
-            largest = largest.max(L::load_part(from.add(whole), count - whole, NO_SCORE));
+            odd = odd.max(L::load_part(from.add(whole), count - whole, NO_SCORE));
         }
-        let largest = largest.largest();
+        let largest = even.max(odd).largest();
         let shift = L::splat(largest);
         let mut sum = L::splat(0.0);
         for first in (0..whole).step_by(L::LANES) {
-            let e = exp_or_zero(L::load(from.add(first)).sub(shift));
+            let e = L::load(from.add(first)).sub(shift).exp2_of_score();
             e.store(from.add(first));
             sum = sum.add(e);
         }
         let mut total = sum.sum();
         if whole < count {
-            let e = exp_or_zero(L::load_part(from.add(whole), count - whole, NO_SCORE).sub(shift));
+            let e = L::load_part(from.add(whole), count - whole, NO_SCORE)
+                .sub(shift)
+                .exp2_of_score();
             e.store_part(from.add(whole), count - whole);
             total += scores[whole..].iter().sum::<f32>();
         }
         (largest, total)
     };
-    if let Some(keep) = keep {
-        let mut sum = 0.0;
-        for (key, score) in scores.iter_mut().enumerate() {
-            if !(keep.row(key)[0] > 0.0) {
-                *score = 0.0;
-            }
-            sum += *score;
-        }
+    let Some(keep) = keep else {
         return (largest, sum);
+    };
+    let mut sum = 0.0;
+    for (key, score) in scores.iter_mut().enumerate() {
+        *score = if keep.row(key)[0] > 0.0 { *score } else { 0.0 };
+        sum += *score;
     }
     (largest, sum)
 }
@@ -353,13 +348,14 @@ fn token_pool_lanes<L: Lanes>(work: TokenPool<'_>) {
     } = work;
     let depth = tokens_of.channels;
     let scores = &mut scratch[..tokens];
+    let scale = scale * std::f32::consts::LOG2_E;
     for row in 0..u.rows {
         for head in 0..heads {
             let query = &u.row(row)[head * depth..][..depth];
             for (token, score) in scores.iter_mut().enumerate() {
                 *score = scale * dot::<L>(query, tokens_of.row(row * tokens + token));
             }
-            let (_, sum) = exponentials::<L>(scores, NO_SCORE, None);
+            let (_, sum) = powers::<L>(scores, NO_SCORE, None);
             let y = &mut out[row * u.channels + head * depth..][..depth];
             y.fill(0.0);
             for (token, score) in scores.iter().enumerate() {

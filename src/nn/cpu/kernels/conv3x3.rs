@@ -1,6 +1,7 @@
 //! 3x3 convolutions as matrix products whose left-hand rows overlap.
 
 use super::{
+    elementwise::copy_short,
     gemm::{Packed, Rows, Tile, panel_width, run_panel},
     lanes::{Lanes, entry},
 };
@@ -104,7 +105,7 @@ fn conv_lanes<L: Lanes>(convolution: Convolution<'_>) {
                 let pixels = x.data[row * in_width * x.stride..].chunks(x.stride);
                 places
                     .zip(pixels)
-                    .for_each(|(place, pixel)| place.copy_from_slice(&pixel[..channels]));
+                    .for_each(|(place, pixel)| copy_short::<L>(&pixel[..channels], place));
             }
         }
         let pixel = out_y * out_width;

@@ -17,6 +17,24 @@ fn activate_lanes<L: Lanes>(x: L, activation: Activation) -> L {
     }
 }
 
+/// Copies a short row; for these a call of the library's copy costs more than the copy.
+#[inline(always)]
+pub(super) fn copy_short<L: Lanes>(from: &[f32], to: &mut [f32]) {
+    let (mut to_chunks, mut from_chunks) =
+        (to.chunks_exact_mut(L::LANES), from.chunks_exact(L::LANES));
+    for (to, from) in (&mut to_chunks).zip(&mut from_chunks) {
+        // SAFETY: both chunks have `LANES` numbers.
+        unsafe { L::load(from.as_ptr()).store(to.as_mut_ptr()) };
+    }
+    for (to, from) in to_chunks
+        .into_remainder()
+        .iter_mut()
+        .zip(from_chunks.remainder())
+    {
+        *to = *from;
+    }
+}
+
 /// Applies `f` to vectors of both rows; `to` may be as long as the shorter.
 #[inline(always)]
 fn zip_row<L: Lanes>(a: &[f32], b: Option<&[f32]>, to: &mut [f32], f: impl Fn(L, L) -> L) {
@@ -376,12 +394,14 @@ fn heat_lanes<L: Lanes>(x: Picture<'_>, block: usize, out: &mut [f32], scratch: 
     let scores = &mut scratch[..places + 1];
     for cell_y in 0..x.height {
         for cell_x in 0..x.width {
-            scores.copy_from_slice(x.pixel(cell_y, cell_x));
-            let (_, sum) = super::attention::exponentials::<L>(scores, f32::MIN, None);
+            for (score, logit) in scores.iter_mut().zip(x.pixel(cell_y, cell_x)) {
+                *score = logit * std::f32::consts::LOG2_E;
+            }
+            let (_, sum) = super::attention::powers::<L>(scores, f32::MIN, None);
             scale_row::<L>(scores, 1.0 / sum);
             for (dy, line) in scores[..places].chunks_exact(block).enumerate() {
                 let start = (cell_y * block + dy) * x.width * block + cell_x * block;
-                out[start..start + block].copy_from_slice(line);
+                copy_short::<L>(line, &mut out[start..start + block]);
             }
         }
     }

@@ -114,6 +114,9 @@ macro_rules! entry {
 }
 pub(super) use entry;
 
+/// Adding this rounds a small number to an integer, which then stands in the low bits of the sum.
+const ROUNDER: f32 = 12_582_912.0;
+
 /// A vector of `f32`.
 pub(super) trait Lanes: Copy {
     /// Numbers in the vector.
@@ -138,10 +141,8 @@ pub(super) trait Lanes: Copy {
     fn mul_add(self, a: Self, b: Self) -> Self;
     fn max(self, other: Self) -> Self;
     fn min(self, other: Self) -> Self;
-    /// To the nearest integer.
-    fn round(self) -> Self;
-    /// Two to the power of each number; they are integers from -126 to 127.
-    fn power_of_two(self) -> Self;
+    /// Two to the power of `n`, given `ROUNDER + n` for integers from -126 to 127.
+    fn power_of_rounded(self) -> Self;
     /// Sum of the lanes.
     fn sum(self) -> f32;
     /// Largest lane.
@@ -180,7 +181,8 @@ pub(super) trait Lanes: Copy {
     fn exp(self) -> Self {
         // Range reduction to |r| <= ln 2 / 2, then the polynomial of the Cephes library's single-precision exponential.
         let x = self.max(Self::splat(-87.0)).min(Self::splat(88.0));
-        let n = x.mul(Self::splat(std::f32::consts::LOG2_E)).round();
+        let rounded = Self::splat(ROUNDER).mul_add(x, Self::splat(std::f32::consts::LOG2_E));
+        let n = rounded.sub(Self::splat(ROUNDER));
         let r = x
             .mul_add(n, Self::splat(-0.693_359_4))
             .mul_add(n, Self::splat(2.121_944_4e-4));
@@ -195,7 +197,28 @@ pub(super) trait Lanes: Copy {
             p = Self::splat(coefficient).mul_add(p, r);
         }
         let e = Self::splat(1.0).add(r).mul_add(p, r.mul(r));
-        e.mul(n.power_of_two())
+        e.mul(rounded.power_of_rounded())
+    }
+
+    /// `2^self`, relative error about 2e-7, for numbers up to 126; below -60 the result of -60 (9e-19), so that products with
+    /// it are not denormal, which would be slow.
+    #[inline(always)]
+    fn exp2_of_score(self) -> Self {
+        let x = self.max(Self::splat(-60.0));
+        let rounded = x.add(Self::splat(ROUNDER));
+        let f = x.sub(rounded.sub(Self::splat(ROUNDER)));
+        // Least relative error on [-1/2, 1/2] with the constant term 1 (fitted for this file): 9.1e-8.
+        let mut p = Self::splat(1.326_472_6e-3);
+        for coefficient in [
+            9.671_513e-3,
+            5.550_733_6e-2,
+            2.402_224_2e-1,
+            6.931_47e-1,
+            1.0,
+        ] {
+            p = Self::splat(coefficient).mul_add(p, f);
+        }
+        p.mul(rounded.power_of_rounded())
     }
 
     /// `erf(self)`, absolute error below 3e-7 (Abramowitz and Stegun 7.1.26).
@@ -294,14 +317,10 @@ impl Lanes for Plain {
         self.zip(other, |a, b| if b < a { b } else { a })
     }
     #[inline(always)]
-    fn round(self) -> Self {
-        Self(self.0.map(f32::round_ties_even))
-    }
-    #[inline(always)]
-    fn power_of_two(self) -> Self {
+    fn power_of_rounded(self) -> Self {
         Self(
             self.0
-                .map(|n| f32::from_bits(((n as i32 + 127) as u32) << 23)),
+                .map(|x| f32::from_bits(x.to_bits().wrapping_add(127) << 23)),
         )
     }
     #[inline(always)]
@@ -367,7 +386,6 @@ pub(super) mod x86 {
             div(b) = _mm256_div_ps;
             max(b) = _mm256_max_ps;
             min(b) = _mm256_min_ps;
-            round() = _mm256_round_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>;
         }
         #[inline(always)]
         fn mul_add(self, a: Self, b: Self) -> Self {
@@ -375,10 +393,10 @@ pub(super) mod x86 {
             Self(unsafe { _mm256_fmadd_ps(a.0, b.0, self.0) })
         }
         #[inline(always)]
-        fn power_of_two(self) -> Self {
+        fn power_of_rounded(self) -> Self {
             // SAFETY: see the module.
             Self(unsafe {
-                let n = _mm256_add_epi32(_mm256_cvtps_epi32(self.0), _mm256_set1_epi32(127));
+                let n = _mm256_add_epi32(_mm256_castps_si256(self.0), _mm256_set1_epi32(127));
                 _mm256_castsi256_ps(_mm256_slli_epi32::<23>(n))
             })
         }
@@ -439,7 +457,6 @@ pub(super) mod x86 {
             div(b) = _mm512_div_ps;
             max(b) = _mm512_max_ps;
             min(b) = _mm512_min_ps;
-            round() = _mm512_roundscale_ps::<0>;
         }
         #[inline(always)]
         fn mul_add(self, a: Self, b: Self) -> Self {
@@ -447,10 +464,10 @@ pub(super) mod x86 {
             Self(unsafe { _mm512_fmadd_ps(a.0, b.0, self.0) })
         }
         #[inline(always)]
-        fn power_of_two(self) -> Self {
+        fn power_of_rounded(self) -> Self {
             // SAFETY: see the module.
             Self(unsafe {
-                let n = _mm512_add_epi32(_mm512_cvtps_epi32(self.0), _mm512_set1_epi32(127));
+                let n = _mm512_add_epi32(_mm512_castps_si512(self.0), _mm512_set1_epi32(127));
                 _mm512_castsi512_ps(_mm512_slli_epi32::<23>(n))
             })
         }
@@ -519,14 +536,13 @@ pub(super) mod neon {
             div(b) = vdivq_f32;
             max(b) = vmaxq_f32;
             min(b) = vminq_f32;
-            round() = vrndnq_f32;
             mul_add(a, b) = vfmaq_f32;
         }
         #[inline(always)]
-        fn power_of_two(self) -> Self {
+        fn power_of_rounded(self) -> Self {
             // SAFETY: NEON is part of the target's base.
             Self(unsafe {
-                let n = vaddq_s32(vcvtnq_s32_f32(self.0), vdupq_n_s32(127));
+                let n = vaddq_s32(vreinterpretq_s32_f32(self.0), vdupq_n_s32(127));
                 vreinterpretq_f32_s32(vshlq_n_s32::<23>(n))
             })
         }
@@ -604,13 +620,8 @@ pub(super) mod wasm {
             Self(f32x4_pmin(self.0, other.0))
         }
         #[inline(always)]
-        fn round(self) -> Self {
-            Self(f32x4_nearest(self.0))
-        }
-        #[inline(always)]
-        fn power_of_two(self) -> Self {
-            let n = i32x4_add(i32x4_trunc_sat_f32x4(self.0), i32x4_splat(127));
-            Self(i32x4_shl(n, 23))
+        fn power_of_rounded(self) -> Self {
+            Self(i32x4_shl(i32x4_add(self.0, i32x4_splat(127)), 23))
         }
         #[inline(always)]
         fn sum(self) -> f32 {

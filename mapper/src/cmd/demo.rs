@@ -79,12 +79,23 @@ struct Row {
 pub fn run(args: Args) -> Result<()> {
     let list_path = args.list.unwrap_or_else(|| args.dir.join("sample.json"));
     let text = std::fs::read_to_string(&list_path).with_context(|| {
-        format!("cannot read {}: `cargo xtask sample` makes the sample", list_path.display())
+        format!(
+            "cannot read {}: `cargo xtask sample` makes the sample",
+            list_path.display()
+        )
     })?;
     let list: List = serde_json::from_str(&text)
         .with_context(|| format!("{} is not a list of pictures", list_path.display()))?;
-    ensure!(!list.pictures.is_empty(), "{} names no picture", list_path.display());
-    let scene = read(&args.scene.unwrap_or_else(|| args.dir.join("sample.landline")))?;
+    ensure!(
+        !list.pictures.is_empty(),
+        "{} names no picture",
+        list_path.display()
+    );
+    let scene = read(
+        &args
+            .scene
+            .unwrap_or_else(|| args.dir.join("sample.landline")),
+    )?;
     let extractor = read(&args.extractor)
         .context("`cargo xtask web` makes the extractor's file; `--extractor` names another")?;
     let mut relocalizer = Relocalizer::from_bytes(&scene, &extractor, |_| {})?;
@@ -98,7 +109,10 @@ pub fn run(args: Args) -> Result<()> {
         print_table(&rows);
     }
     if !rows.iter().any(|row| row.located) {
-        bail!("none of {} pictures was located: the scene is not of this place", rows.len());
+        bail!(
+            "none of {} pictures was located: the scene is not of this place",
+            rows.len()
+        );
     }
     Ok(())
 }
@@ -181,7 +195,13 @@ fn print_table(rows: &[Row]) {
     );
     for row in rows {
         let position = row.cam_from_world.map_or_else(
-            || row.reason.unwrap_or("not located").chars().take(28).collect(),
+            || {
+                row.reason
+                    .unwrap_or("not located")
+                    .chars()
+                    .take(28)
+                    .collect()
+            },
             |m| {
                 let rotation = Matrix3::from_fn(|r, c| m[4 * r + c]);
                 let translation = Vector3::new(m[3], m[7], m[11]);
@@ -204,8 +224,14 @@ fn print_table(rows: &[Row]) {
     println!(
         "\n{located} of {} located; median error {:.1} mm, {:.3}°; median {:.0} ms a picture",
         rows.len(),
-        1e3 * median(rows.iter().map(|r| r.position_error_m.unwrap_or(f64::INFINITY))),
-        median(rows.iter().map(|r| r.rotation_error_deg.unwrap_or(f64::INFINITY))),
+        1e3 * median(
+            rows.iter()
+                .map(|r| r.position_error_m.unwrap_or(f64::INFINITY))
+        ),
+        median(
+            rows.iter()
+                .map(|r| r.rotation_error_deg.unwrap_or(f64::INFINITY))
+        ),
         median(rows.iter().map(|r| r.total_ms)),
     );
 }

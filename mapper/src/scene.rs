@@ -1,5 +1,6 @@
 //! Scene and extractor files from disk, and the relocalizer made of them.
 
+use crate::weights::load_extractor;
 use anyhow::{Context, Result};
 use landline::relocalizer::{FrontEndOptions, Relocalizer, RelocalizerOptions};
 use landline::scene_file::{ExtractorFile, SceneFile};
@@ -8,7 +9,7 @@ use std::path::{Path, PathBuf};
 /// Which extractor file to use.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ExtractorArgs {
-    /// The extractor file, as `landline convert` writes it.
+    /// The extractor file, as `landline convert` writes it, or the checkpoint that it is made from.
     #[arg(long, value_name = "FILE", env = "LANDLINE_EXTRACTOR")]
     pub extractor: PathBuf,
 }
@@ -19,9 +20,7 @@ impl ExtractorArgs {
     /// # Errors
     /// When it is missing or no extractor.
     pub fn read(&self) -> Result<ExtractorFile> {
-        let bytes = read(&self.extractor)?;
-        ExtractorFile::from_bytes(&bytes)
-            .with_context(|| format!("cannot use extractor {}", self.extractor.display()))
+        Ok(load_extractor(&self.extractor)?)
     }
 }
 

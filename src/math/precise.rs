@@ -89,7 +89,7 @@ const SINES: [Pair; 9] = [
         low: 4.709410940561677e-17,
     },
     Pair {
-        high: 0.7071067811865476,
+        high: core::f64::consts::FRAC_1_SQRT_2,
         low: -4.833646656726457e-17,
     },
     Pair {

@@ -44,6 +44,7 @@ pub enum RegressError {
 }
 
 #[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "there is one for each scene")]
 enum Networks {
     Branches {
         point: CpuExecutor,

@@ -2,6 +2,7 @@
 
 use crate::files::write_bytes;
 use crate::import::{ImportOptions, Imported, import};
+use crate::weights::load_extractor;
 use anyhow::{Context as _, Result, bail, ensure};
 use clap::ValueEnum;
 use landline::models::{ExtractorKind, RegressorConfig, Sampler};
@@ -11,7 +12,7 @@ use std::path::PathBuf;
 /// Convert a checkpoint (XFeat, SuperPoint, PL2Map, the paper's network) to Landline's format.
 ///
 /// Reads PyTorch files (.pt, .pth, .pth.tar) without executing anything in them, and safetensors. An extractor becomes an
-/// extractor file; a regressor becomes a scene file and needs `--trained-with`, the converted extractor of its training.
+/// extractor file; a regressor becomes a scene file and needs `--trained-with`, the extractor of its training.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The checkpoint.
@@ -27,7 +28,7 @@ pub struct Args {
     /// Refuse the checkpoint unless it has this SHA-256.
     #[arg(long)]
     sha256: Option<String>,
-    /// Regressors: the converted extractor that it was trained with.
+    /// Regressors: the extractor that it was trained with, converted or as checkpoint.
     #[arg(long, value_name = "FILE")]
     trained_with: Option<PathBuf>,
     /// Regressors: attention heads.
@@ -119,15 +120,12 @@ pub fn run(args: Args) -> Result<()> {
         Imported::Regressor { config, weights } => {
             let Some(path) = &args.trained_with else {
                 bail!(
-                    "{} is a regressor ({}); give the converted extractor that it was trained with as --trained-with FILE",
+                    "{} is a regressor ({}); give the extractor that it was trained with as --trained-with FILE",
                     args.checkpoint.display(),
                     config.variant().name()
                 );
             };
-            let bytes =
-                std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-            let extractor = ExtractorFile::from_bytes(&bytes)
-                .with_context(|| format!("cannot use {}", path.display()))?;
+            let extractor = load_extractor(path)?;
             let scene = imported_scene(&extractor, config, weights, args.source, args.licence)?;
             (
                 scene.to_bytes(precision)?,

@@ -4,12 +4,11 @@ use crate::files::write_bytes;
 use crate::picture;
 use crate::weights::load_extractor;
 use anyhow::{Context as _, Result, bail};
-use landline::features::{Extractor, ExtractorOptions, FeatureSet};
-use landline::geometry::Segment2;
-use landline::image::{GrayImage, working_from_gray};
-use landline::lsd::{LsdParams, LsdScratch, detect};
+use landline::features::FeatureSet;
+use landline::image::{FrameView, PixelFormat};
 use landline::models::{ExtractorKind, Sampler};
 use landline::nn::{WeightTensor, Weights};
+use landline::relocalizer::{FrontEnd, FrontEndOptions};
 use landline::scene_file::{Element, serialize};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -35,6 +34,9 @@ pub struct Args {
     /// Most segments; the longest are kept.
     #[arg(long, default_value_t = 512)]
     max_segments: usize,
+    /// Shorter segments are left out; pixels of the picture that is looked at.
+    #[arg(long, default_value_t = 0.0)]
+    min_segment_px: f64,
     /// Longest side of the picture that is looked at; larger pictures are reduced.
     #[arg(long, default_value_t = 1024)]
     max_side: usize,
@@ -62,27 +64,31 @@ pub fn run(args: Args) -> Result<()> {
             );
         }
     }
-    let mut options = ExtractorOptions::new(file.kind);
+    let mut options = FrontEndOptions::new(file.kind);
     options.keypoints.max_keypoints = args.top_k;
     options.max_segments = args.max_segments;
+    options.max_side = args.max_side;
+    options.min_segment_px = args.min_segment_px;
     if let Some(name) = &args.sampler {
         options.sampler = Sampler::from_name(name).with_context(|| {
             format!("unknown sampler {name:?}; there are xfeat, legacy and exact")
         })?;
     }
     let gray = picture::read_gray(&args.image)?;
-    let mut working = GrayImage::default();
-    let working_from_sensor = working_from_gray(&gray.view(), args.max_side, &mut working)?;
-    let mut scratch = LsdScratch::default();
-    let found = detect(&working.view(), &LsdParams::default(), &mut scratch)?;
-    let segments = longest(found, args.max_segments);
+    let frame = FrameView {
+        bytes: &gray.data,
+        width: u32::try_from(gray.width)?,
+        height: u32::try_from(gray.height)?,
+        stride: gray.width,
+        format: PixelFormat::Luma8,
+    };
     let (kind, sha256) = (file.kind, file.source_sha256.clone());
-    let mut extractor = Extractor::new(kind, file.weights, options)?;
-    let mut features = FeatureSet::default();
-    extractor
-        .extract(&working.view(), &segments, &mut features)
-        .with_context(|| format!("picture {}", args.image.display()))?;
-    features.map_pixels(&working_from_sensor.inverse());
+    let mut front_end = FrontEnd::new(file, options)?;
+    let mut features = front_end
+        .run(&frame)
+        .with_context(|| format!("picture {}", args.image.display()))?
+        .clone();
+    features.map_pixels(&front_end.working_from_sensor().inverse());
 
     let metadata: BTreeMap<String, String> = [
         ("extractor", kind.name().to_owned()),
@@ -97,22 +103,12 @@ pub fn run(args: Args) -> Result<()> {
     let bytes = serialize(&metadata, &tensors(&features)?, |_, _| Element::F32)?;
     write_bytes(&args.out, &bytes)?;
     println!(
-        "{}: {} keypoints, {} segments of {} found",
+        "{}: {} keypoints, {} segments",
         args.out.display(),
         features.keypoints.len(),
-        features.segments.len(),
-        found.len()
+        features.segments.len()
     );
     Ok(())
-}
-
-/// The longest segments in the order in which they were found.
-fn longest(found: &[Segment2], most: usize) -> Vec<Segment2> {
-    let mut order: Vec<usize> = (0..found.len()).collect();
-    order.sort_by(|a, b| found[*b].length_px().total_cmp(&found[*a].length_px()));
-    order.truncate(most);
-    order.sort_unstable();
-    order.into_iter().map(|i| found[i]).collect()
 }
 
 fn tensors(f: &FeatureSet) -> Result<Weights> {

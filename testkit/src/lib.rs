@@ -2,6 +2,7 @@
 //! keep their data inline. The mapper renders the demo's sample scene with [`room`].
 
 mod data;
+mod lsd;
 mod nn_cases;
 pub mod nn_fuzz;
 mod parallel;
@@ -9,4 +10,5 @@ pub mod portable;
 pub mod room;
 
 pub use data::{shared_data, skip, skip_without_gpu};
+pub use lsd::check_lsd_fingerprints;
 pub use nn_cases::{NnCase, nn_cases};

@@ -3,7 +3,7 @@
 use landline::geometry::Segment2;
 use landline::image::GrayImage;
 use landline::lsd::{LsdParams, LsdScratch, detect};
-use landline_testkit::shared_data;
+use landline_testkit::{check_lsd_fingerprints, shared_data};
 use std::path::{Path, PathBuf};
 
 /// Golden rows: x1 y1 x2 y2 width p -log10(NFA), first pixel's centre at (0, 0).
@@ -109,4 +109,26 @@ fn segments_of_the_published_program_in_its_order() {
     }
     println!("{all_same} of {all} within 1e-3 px");
     assert!(all_same * 1000 >= all * 995);
+}
+
+#[test]
+fn segments_have_the_listed_bits() {
+    let mut scratch = LsdScratch::default();
+    check_lsd_fingerprints(|picture| {
+        detect(&picture.view(), &LsdParams::default(), &mut scratch)
+            .expect("a good picture")
+            .iter()
+            .flat_map(|s| {
+                [
+                    s.start.x,
+                    s.start.y,
+                    s.end.x,
+                    s.end.y,
+                    s.width_px,
+                    s.precision,
+                    s.neg_log10_nfa,
+                ]
+            })
+            .collect()
+    });
 }

@@ -9,6 +9,7 @@ mod gpu_frame;
 mod gpu_relocalizer;
 mod layering;
 mod lsd_golden;
+mod lsd_properties;
 mod nn;
 mod portable;
 mod tree;

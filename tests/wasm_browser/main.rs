@@ -1,6 +1,7 @@
 //! The engine as wasm in headless Chromium. `cargo xtask test --only browser` runs it.
 
 mod gpu;
+mod lsd;
 
 use wasm_bindgen_test::{wasm_bindgen_test, wasm_bindgen_test_configure};
 

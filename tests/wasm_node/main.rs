@@ -1,5 +1,6 @@
 //! The engine as wasm under Node. `cargo xtask test --only node` runs it.
 
+mod lsd;
 mod nn;
 
 use wasm_bindgen_test::wasm_bindgen_test;

@@ -5,11 +5,13 @@
 
 mod error;
 mod gpu;
+mod lsd;
 mod relocalizer;
 mod result;
 
 use wasm_bindgen::prelude::wasm_bindgen;
 
+pub use lsd::{NUMBERS_PER_SEGMENT, detect_segments};
 pub use relocalizer::RawRelocalizer;
 
 #[wasm_bindgen]

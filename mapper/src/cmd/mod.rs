@@ -8,5 +8,6 @@ pub mod export;
 pub mod features;
 pub mod inspect;
 pub mod labels;
+pub mod lines;
 pub mod locate;
 pub mod pose;

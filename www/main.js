@@ -31,11 +31,14 @@ const state = {
   live: undefined,
   result: undefined,
   rows: [],
+  /** Known positions, to be shown in the map. */
+  truth: [],
   layers: {},
 };
 const map = new SeenMap();
 const bars = new LoadBars();
 let view;
+let viewLoading;
 
 // Loading ------------------------------------------------------------------------------------------------------------
 
@@ -77,8 +80,11 @@ async function loadScene(scene, name, isSample) {
     state.metric = relocalizer.scene.units === "metres";
     await before?.dispose();
     map.clear();
-    view?.clear();
-    view?.setTruth([]);
+    state.truth = [];
+    // Another place has another up and another extent.
+    view?.dispose();
+    view = viewLoading = undefined;
+    $("map-note").hidden = false;
     showScene(relocalizer.scene, name);
     showBackend();
     $("empty").hidden = true;
@@ -170,7 +176,8 @@ async function startPlaylist(playlist, loop) {
   $("previous").disabled = $("next").disabled = playlist.length < 2;
   showStrip();
   const truths = playlist.flatMap(({ truth }) => (truth ? [positionOf(truth)] : []));
-  await withView((v) => v.setTruth(truths));
+  state.truth = truths;
+  view?.setTruth(truths);
   await play(loop);
 }
 
@@ -376,7 +383,7 @@ function showFrame(result, picture, name, error, continuous) {
   showBackendOf(result);
   $("copy-json").disabled = false;
   $("map-counts").textContent = `Seen so far: ${map.numLines} lines, ${map.numPoints} points`;
-  void withView((v) => v.show(result, map, canvas, continuous));
+  if (view || result.placement) void withView(result, (v) => v.show(result, map, canvas, continuous));
 }
 
 function showBackendOf(result) {
@@ -393,13 +400,13 @@ function redraw() {
   else clearOverlay($("overlay"));
 }
 
-let viewLoading;
-/** Calls with the 3D view; loads three.js the first time it is needed. */
-async function withView(use) {
+/** Calls with the 3D view; three.js is loaded with the first located frame, which also tells which way is up. */
+async function withView(result, use) {
   viewLoading ??= (async () => {
     try {
       const { MapView } = await import("./view3d.js");
-      view = new MapView($("map-frame"), state.relocalizer?.scene.up);
+      view = new MapView($("map-frame"), state.relocalizer?.scene.up ?? upOf(result.placement.worldFromCamera));
+      view.setTruth(state.truth);
       view.onFollowEnd = () => $("map-follow").setAttribute("aria-pressed", "false");
       $("map-note").hidden = true;
     } catch (error) {
@@ -408,6 +415,14 @@ async function withView(use) {
   })();
   await viewLoading;
   if (view) use(view);
+}
+
+/** Up in the world as a camera that is held upright sees it; of the axis it is close to, if there is one. */
+function upOf(m) {
+  const up = [-m[1], -m[5], -m[9]];
+  const axis = up.findIndex((v) => Math.abs(v) > 0.85);
+  const [x, y, z] = axis < 0 ? up : up.map((v, i) => (i === axis ? Math.sign(v) : 0));
+  return { x, y, z };
 }
 
 function showStrip() {
@@ -442,7 +457,8 @@ function markThumb(index) {
 
 function showPlaying() {
   $("play").setAttribute("aria-label", state.playing ? "Pause" : "Play");
-  $("play-icon").setAttribute("href", `./icons.svg#${state.playing ? "pause" : "play"}`);
+  $("icon-pause").toggleAttribute("hidden", !state.playing);
+  $("icon-play").toggleAttribute("hidden", state.playing);
 }
 
 /** Goes to a picture of the list and stays there. */
@@ -482,7 +498,8 @@ async function evaluateFolder({ pictures, poseFile, numTruth, skippedLines }) {
   progress.hidden = false;
   progress.max = pictures.length;
   $("stop-evaluation").hidden = false;
-  await withView((v) => v.setTruth(pictures.flatMap(({ truth }) => (truth ? [positionOf(truth)] : []))));
+  state.truth = pictures.flatMap(({ truth }) => (truth ? [positionOf(truth)] : []));
+  view?.setTruth(state.truth);
   for (const [i, item] of pictures.entries()) {
     await until(() => run !== state.run || (state.playing && !document.hidden));
     if (run !== state.run) break;
@@ -635,6 +652,8 @@ async function registerOffline() {
   }
 }
 
+// For tests and for curious people at the console.
+globalThis.landlinePage = { state, map };
 wire();
 onChange(showPrivacy);
 void registerOffline();
@@ -645,5 +664,3 @@ if (!support.ok) {
 } else {
   await startSample();
 }
-// For tests and for curious people at the console.
-globalThis.landlinePage = { state, map };

@@ -27,6 +27,7 @@ export class MapView {
   #truth = new THREE.Group();
   #mapVersion = -1;
   #asked = false;
+  #observer;
   /** Until the user takes hold of the view it is framed anew as the map grows. */
   #touched = false;
   #framedRadius = 0;
@@ -69,7 +70,8 @@ export class MapView {
     this.#pathLine = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: "#4bd58a" }));
     this.#pathLine.frustumCulled = false;
     this.#scene.add(this.#lines, this.#points, this.#frustum, this.#picture, this.#pathLine, this.#truth);
-    new ResizeObserver(() => this.#resize()).observe(frame);
+    this.#observer = new ResizeObserver(() => this.#resize());
+    this.#observer.observe(frame);
     this.#resize();
   }
 
@@ -83,6 +85,16 @@ export class MapView {
     geometry.setAttribute("position", new THREE.BufferAttribute(at, 3));
     this.#truth.add(new THREE.Points(geometry, new THREE.PointsMaterial({ color: "#8795a6", size: 4, sizeAttenuation: false })));
     this.draw();
+  }
+
+  /** Frees the graphics card's memory and leaves the page. */
+  dispose() {
+    this.#observer.disconnect();
+    this.#controls.dispose();
+    this.#asked = true;
+    this.#renderer.dispose();
+    this.#renderer.forceContextLoss();
+    this.#renderer.domElement.remove();
   }
 
   clear() {

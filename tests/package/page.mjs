@@ -72,7 +72,7 @@ export async function open(launched, address, options = {}) {
   page.setDefaultTimeout(120_000);
   const said = [];
   page.on("console", (message) => {
-    if (["error", "warning"].includes(message.type()) && !/ReadPixels|GPU stall|WebGL|swiftshader/i.test(message.text())) said.push(message.text());
+    if (["error", "warning"].includes(message.type()) && !/ReadPixels|GPU stall|WebGL|swiftshader|No available adapters/i.test(message.text())) said.push(message.text());
   });
   page.on("pageerror", (error) => said.push(String(error)));
   if (init) await page.addInitScript(init);

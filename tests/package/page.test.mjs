@@ -49,7 +49,15 @@ test("runs under a strict policy, from a sub-path, without cross-origin isolatio
   const { page, said } = await open(await browser(t), `${server.url}?dwell=0`);
   await located(page);
   assert.equal(await page.evaluate(() => crossOriginIsolated), false);
-  await assert.rejects(page.evaluate(() => eval("1")), /unsafe-eval|Content Security Policy/);
+  // In a timer, because what the test's own connection evaluates is exempt from the policy.
+  const evaluated = await page.evaluate(() => new Promise((done) => setTimeout(() => {
+    try {
+      done(eval("1"));
+    } catch (error) {
+      done(error.name);
+    }
+  })));
+  assert.equal(evaluated, "EvalError");
   assert.deepEqual(said.filter((line) => !/unsafe-eval/.test(line)), []);
 });
 
@@ -76,7 +84,10 @@ test("works again without a network", { skip }, async (t) => {
   const launched = await browser(t);
   const { page, context } = await open(launched, `${server.url}?dwell=0`);
   await located(page, 1);
-  await page.waitForFunction(async () => (await navigator.serviceWorker.getRegistration())?.active?.state === "activated");
+  await page.evaluate(async () => {
+    const { active } = await navigator.serviceWorker.ready;
+    if (active.state !== "activated") await new Promise((done) => active.addEventListener("statechange", done, { once: true }));
+  });
   await page.close();
   server.state.down = true;
   const second = await context.newPage();

@@ -8,13 +8,18 @@ const CASES: u64 = 40;
 
 #[wasm_bindgen_test]
 fn every_operation_agrees_with_the_reference() {
-    assert_eq!(Level::best().name(), "simd128", "the build has the vector instructions");
+    assert_eq!(
+        Level::best().name(),
+        "simd128",
+        "the build has the vector instructions"
+    );
     for level in Level::available() {
         for kind in KINDS {
             for seed in 0..CASES {
                 let case = case(kind, seed);
-                let mut cpu = CpuExecutor::with_level(case.graph.clone(), case.weights.clone(), level)
-                    .expect("fitting weights");
+                let mut cpu =
+                    CpuExecutor::with_level(case.graph.clone(), case.weights.clone(), level)
+                        .expect("fitting weights");
                 let found = case.run(&mut cpu).expect("the CPU executor does not fail");
                 if let Some(difference) = case.difference(&case.expected(), &found) {
                     panic!("{}: {difference}", level.name());

@@ -18,7 +18,7 @@ test("a Vite project locates a picture", { skip, timeout: 600_000 }, async (t) =
   await mkdir(join(folder, "public"));
   await cp(join(sample, "sample.landline"), join(folder, "public/room.landline"));
   await cp(join(sample, pictures[0].name), join(folder, "public/picture.jpg"));
-  await writeFile(join(folder, "index.html"), '<!doctype html><meta charset="utf-8"><title>t</title><script type="module" src="/main.js"></script>');
+  await writeFile(join(folder, "index.html"), '<!doctype html><meta charset="utf-8"><title>t</title><link rel="icon" href="data:,"><script type="module" src="/main.js"></script>');
   await writeFile(join(folder, "vite.config.js"), 'export default { worker: { format: "es" }, optimizeDeps: { exclude: ["landline"] } };\n');
   await writeFile(
     join(folder, "main.js"),

@@ -14,4 +14,6 @@ pub mod picture;
 pub mod progress;
 pub mod scene;
 pub mod tracks;
+#[cfg(feature = "train")]
+pub mod train;
 pub mod weights;

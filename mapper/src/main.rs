@@ -26,7 +26,13 @@ enum Command {
     Labels(cmd::labels::Args),
     Lines(cmd::lines::Args),
     Locate(cmd::locate::Args),
+    #[cfg(feature = "train")]
+    Map(cmd::map::Args),
     Pose(cmd::pose::Args),
+    #[cfg(feature = "train")]
+    Sample(cmd::sample::Args),
+    #[cfg(feature = "train")]
+    Train(cmd::train::Args),
 }
 
 fn main() -> ExitCode {
@@ -41,7 +47,13 @@ fn main() -> ExitCode {
         Command::Labels(args) => cmd::labels::run(args),
         Command::Lines(args) => cmd::lines::run(args),
         Command::Locate(args) => cmd::locate::run(args),
+        #[cfg(feature = "train")]
+        Command::Map(args) => cmd::map::run(args),
         Command::Pose(args) => cmd::pose::run(args),
+        #[cfg(feature = "train")]
+        Command::Sample(args) => cmd::sample::run(args),
+        #[cfg(feature = "train")]
+        Command::Train(args) => cmd::train::run(args),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

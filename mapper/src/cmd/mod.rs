@@ -10,4 +10,10 @@ pub mod inspect;
 pub mod labels;
 pub mod lines;
 pub mod locate;
+#[cfg(feature = "train")]
+pub mod map;
 pub mod pose;
+#[cfg(feature = "train")]
+pub mod sample;
+#[cfg(feature = "train")]
+pub mod train;

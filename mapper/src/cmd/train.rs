@@ -1,0 +1,174 @@
+//! `landline train`: from labels to a scene.
+
+use crate::cmd::convert::PrecisionArg;
+use crate::files;
+use crate::labels::Labels;
+use crate::train::export::{self, Origin};
+use crate::train::run::{self, RunOptions, Trained};
+use crate::weights::load_extractor;
+use anyhow::{Context, Result, bail};
+use landline::models::Preset;
+use landline::scene_file::ExtractorFile;
+use std::path::{Path, PathBuf};
+
+/// Trains a scene from labels.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Labels, as `landline labels` writes them.
+    labels: PathBuf,
+    /// Scene file to write.
+    #[arg(long)]
+    out: PathBuf,
+    /// The extractor that the labels were made with: a converted file or its published checkpoint.
+    #[arg(long, value_name = "FILE", env = "LANDLINE_EXTRACTOR")]
+    extractor: PathBuf,
+    #[command(flatten)]
+    training: TrainingArgs,
+}
+
+/// What `train` and `map` share.
+#[derive(Debug, clap::Args)]
+pub struct TrainingArgs {
+    /// Size and recipe: compact, standard or paper.
+    #[arg(long, default_value = "compact", value_parser = parse_preset)]
+    pub preset: Preset,
+    /// Length of training; without it the preset's number of steps.
+    #[arg(long)]
+    pub minutes: Option<f64>,
+    /// Steps of each branch.
+    #[arg(long, conflicts_with = "minutes")]
+    pub steps: Option<usize>,
+    /// Most anchors of the point branch (compact).
+    #[arg(long)]
+    pub anchors: Option<usize>,
+    /// Leave the line branch out.
+    #[arg(long)]
+    pub no_lines: bool,
+    /// Seed of everything random.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Keep one picture in so many back for the held-out numbers; 0 keeps none.
+    #[arg(long, default_value_t = 20)]
+    pub hold_out_every: usize,
+    /// Change a number of the recipe: FIELD=VALUE; may be repeated.
+    #[arg(long = "set", value_name = "FIELD=VALUE", value_parser = parse_override)]
+    pub overrides: Vec<String>,
+    /// Folder for options, log, curves and checkpoint; without it OUT with the ending `.run`.
+    #[arg(long)]
+    pub run: Option<PathBuf>,
+    /// How weights are stored.
+    #[arg(long, value_enum, default_value_t = PrecisionArg::Int8)]
+    pub precision: PrecisionArg,
+    /// Go on with an interrupted run in that folder.
+    #[arg(long)]
+    pub resume: bool,
+}
+
+fn parse_preset(text: &str) -> Result<Preset, String> {
+    Preset::ALL
+        .into_iter()
+        .find(|p| p.name() == text)
+        .ok_or_else(|| {
+            let names: Vec<_> = Preset::ALL.iter().map(|p| p.name()).collect();
+            format!("there is {}, not `{text}`", names.join(", "))
+        })
+}
+
+fn parse_override(text: &str) -> Result<String, String> {
+    run::check_override(text).map(|()| text.to_owned())
+}
+
+impl TrainingArgs {
+    /// The options of a run.
+    pub fn options(&self) -> RunOptions {
+        RunOptions {
+            preset: self.preset,
+            seed: self.seed,
+            minutes: self.minutes,
+            steps: self.steps,
+            anchors: self.anchors,
+            lines: !self.no_lines,
+            hold_out_every: self.hold_out_every,
+            overrides: self.overrides.clone(),
+        }
+    }
+}
+
+impl TrainingArgs {
+    /// Refuses a length that is none, before anything expensive happens.
+    ///
+    /// # Errors
+    /// When `--minutes` is not positive.
+    pub fn check(&self) -> Result<()> {
+        if let Some(minutes) = self.minutes
+            && !(minutes > 0.0 && minutes.is_finite())
+        {
+            bail!("--minutes is {minutes}; give a positive number");
+        }
+        Ok(())
+    }
+
+    /// The run folder that belongs to a scene file.
+    pub fn run_folder(&self, out: &Path) -> PathBuf {
+        self.run
+            .clone()
+            .unwrap_or_else(|| out.with_extension("run"))
+    }
+}
+
+/// Trains and writes the scene.
+///
+/// # Errors
+/// When there is too little to learn from, the run folder belongs to another run, or the disk refuses.
+pub fn run(args: Args) -> Result<()> {
+    args.training.check()?;
+    let labels = Labels::read(&args.labels)?;
+    let origin = Origin {
+        source: args.labels.display().to_string(),
+        working_max_side: 640,
+        ..Origin::default()
+    };
+    let extractor = load_extractor(&args.extractor)?;
+    train_and_write(&labels, &args.training, &extractor, origin, &args.out)
+}
+
+/// The part after the labels.
+///
+/// # Errors
+/// As [`run`].
+pub fn train_and_write(
+    labels: &Labels,
+    training: &TrainingArgs,
+    extractor: &ExtractorFile,
+    origin: Origin,
+    out: &Path,
+) -> Result<()> {
+    let folder = training.run_folder(out);
+    let device = burn::tensor::Device::flex();
+    let options = training.options();
+    let trained = run::train(labels, &options, &folder, training.resume, &device)
+        .with_context(|| format!("training {}", out.display()))?;
+    print_summary(&trained);
+    let scene = export::scene(&trained, labels, extractor, options.preset, origin)?;
+    let bytes = scene.to_bytes(training.precision.into())?;
+    files::write_bytes(out, &bytes)?;
+    println!("wrote {} ({} bytes)", out.display(), bytes.len());
+    Ok(())
+}
+
+/// What the run learned, on standard output.
+pub fn print_summary(trained: &Trained) {
+    for (kind, held) in &trained.held_out {
+        println!(
+            "{kind:?}: held-out pictures {}, median distance {:.2} cm; most reliable: median {:.2} px, {:.1} % within 6 px",
+            held.images,
+            100.0 * held.median_scene_m,
+            held.median_px,
+            100.0 * held.share_within_6px
+        );
+    }
+    println!(
+        "trained in {:.0} s, steps {:?}",
+        trained.seconds, trained.steps
+    );
+}

@@ -1,0 +1,99 @@
+//! The recipes behind the presets: how each branch is trained.
+
+use super::buffer::Kind;
+use super::session::Recipe;
+use landline::models::Preset;
+
+/// The recipe of a preset's branch, before `--steps` or `--minutes` change its length.
+pub fn recipe(preset: Preset, kind: Kind) -> Recipe {
+    match preset {
+        Preset::Compact => compact(kind),
+        Preset::Standard => standard(kind),
+        Preset::Paper => paper(kind),
+    }
+}
+
+/// Landmarks refined: rows drawn over all pictures, clamped losses in metres.
+fn compact(kind: Kind) -> Recipe {
+    Recipe {
+        steps: 600,
+        images: 1,
+        rows: match kind {
+            Kind::Points => 2048,
+            Kind::Segments => 1024,
+        },
+        rate: 5e-4,
+        warm_up: 0.05,
+        rate_factors: vec![
+            ("anchor.sharpness".to_owned(), 100.0),
+            ("reliability.0.w".to_owned(), 4.0),
+            ("reliability.0.b".to_owned(), 4.0),
+            ("reliability.1.w".to_owned(), 4.0),
+            ("reliability.1.b".to_owned(), 4.0),
+        ],
+        descriptor_noise: 0.03,
+        weight_decay: 0.0,
+        max_gradient_norm: None,
+        average_decay: 0.99,
+        scene_weight: 1.0,
+        scene_clamp_m: Some(0.3),
+        reprojection_weight: 1.0,
+        reprojection_clamp_px: [20.0, 4.0],
+        reprojection_start: 0.0,
+        reliability_weight: 1.0,
+        reliable_px: 6.0,
+        paper_reduction: false,
+        halving_rate: false,
+    }
+}
+
+/// Attention sized for a CPU: many pictures a step, a subset of their features, strong descriptor noise.
+fn standard(kind: Kind) -> Recipe {
+    Recipe {
+        images: 16,
+        rows: match kind {
+            Kind::Points => 192,
+            Kind::Segments => 96,
+        },
+        steps: 4000,
+        rate: 1e-3,
+        rate_factors: Vec::new(),
+        descriptor_noise: 0.06,
+        weight_decay: 1e-4,
+        max_gradient_norm: Some(1.0),
+        average_decay: 0.999,
+        scene_clamp_m: None,
+        reprojection_weight: 0.3,
+        reprojection_clamp_px: [50.0, 1.0],
+        reprojection_start: 0.05,
+        ..compact(kind)
+    }
+}
+
+/// As printed in the paper and set in its code: one picture a step, Adam, sums, halving rate.
+fn paper(kind: Kind) -> Recipe {
+    Recipe {
+        images: 1,
+        rows: match kind {
+            Kind::Points => 2048,
+            Kind::Segments => 512,
+        },
+        steps: 2_500_000,
+        rate: 2e-4,
+        warm_up: 0.0,
+        rate_factors: Vec::new(),
+        descriptor_noise: 0.0,
+        weight_decay: 0.0,
+        max_gradient_norm: None,
+        average_decay: 0.0,
+        scene_weight: 1.0,
+        scene_clamp_m: None,
+        reprojection_weight: 1.0,
+        reprojection_clamp_px: [51.0, 1.0],
+        reprojection_start: 0.05,
+        reliability_weight: 1.0,
+        reliable_px: 6.0,
+        paper_reduction: true,
+        halving_rate: true,
+    }
+}

@@ -1,0 +1,453 @@
+//! A whole training run: both branches, a run folder with options, log, curves and checkpoints, a progress bar.
+//!
+//! The folder holds `options.json` (written first), `log.csv`, `curves.svg` and `checkpoint.safetensors`. A run that was
+//! interrupted goes on from its checkpoint with `resume`, and ends with the same tensors as one that was not.
+
+use super::buffer::{Buffer, Kind, SceneFrame};
+use super::session::{BranchConfig, Recipe, Session, StepReport};
+use super::{checkpoint, curves, recipe};
+use crate::files;
+use crate::labels::{LabelledImage, Labels};
+use burn::tensor::Device;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use landline::models::{Preset, RegressorConfig, TensorSpec};
+use serde::{Deserialize, Serialize};
+use std::fmt::Write as _;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// Why a run could not start or go on.
+#[derive(Debug, thiserror::Error)]
+pub enum TrainError {
+    /// The run folder cannot be written or read.
+    #[error("run folder {folder}: {source}")]
+    Folder {
+        /// The folder.
+        folder: PathBuf,
+        /// From the operating system.
+        source: io::Error,
+    },
+    /// The folder belongs to another run.
+    #[error(
+        "run folder {folder} holds a run with other options ({what}); choose another folder or repeat its options"
+    )]
+    OtherRun {
+        /// The folder.
+        folder: PathBuf,
+        /// What differs.
+        what: String,
+    },
+    /// A damaged checkpoint.
+    #[error("checkpoint {path}: {what}; delete it to start the run again")]
+    Checkpoint {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// Nothing to learn from.
+    #[error(
+        "{labelled} of {features} {kind} have a 3D target, {needed} are needed; are the poses right and do the pictures overlap?"
+    )]
+    TooFewLabels {
+        /// `keypoints` or `segments`.
+        kind: &'static str,
+        /// Features in all pictures.
+        features: usize,
+        /// Those with a target.
+        labelled: usize,
+        /// Least number.
+        needed: usize,
+    },
+    /// Numbers that are not finite.
+    #[error(
+        "training of the {kind} diverged at step {step} (loss {loss}); lower the rate (now {rate})"
+    )]
+    Diverged {
+        /// Which branch.
+        kind: &'static str,
+        /// When.
+        step: usize,
+        /// The loss.
+        loss: f64,
+        /// The learning rate.
+        rate: f64,
+    },
+}
+
+/// What to train, and how.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RunOptions {
+    /// Sizes and recipe.
+    pub preset: Preset,
+    /// Of everything random.
+    pub seed: u64,
+    /// Length of both branches together; their recipes' steps shrink or grow in proportion.
+    pub minutes: Option<f64>,
+    /// Overrides the steps of both branches.
+    pub steps: Option<usize>,
+    /// Most anchors of the point branch (`compact`).
+    pub anchors: Option<usize>,
+    /// Whether the line branch is trained.
+    pub lines: bool,
+    /// One picture in so many is kept back for the held-out numbers; 0 keeps none.
+    pub hold_out_every: usize,
+    /// Changes to the recipes: `field=value`, for both branches.
+    pub overrides: Vec<String>,
+}
+
+/// A trained tensor.
+pub type NamedTensor = (TensorSpec, Vec<f32>);
+
+/// What comes out.
+#[derive(Debug)]
+pub struct Trained {
+    /// With the number of anchors that there were landmarks for.
+    pub config: RegressorConfig,
+    /// Normalisation of coordinates.
+    pub frame: SceneFrame,
+    /// In the configuration's order.
+    pub tensors: Vec<NamedTensor>,
+    /// Held-out numbers of each branch.
+    pub held_out: Vec<(Kind, HeldOut)>,
+    /// Training alone.
+    pub seconds: f64,
+    /// Steps of each branch.
+    pub steps: Vec<(Kind, usize)>,
+}
+
+/// Accuracy on pictures that were kept back.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct HeldOut {
+    /// Pictures.
+    pub images: usize,
+    /// Features with a target: median distance to it, metres.
+    pub median_scene_m: f64,
+    /// Of the most reliable 300 features a picture (100 segments): share that reprojects within 6 px.
+    pub share_within_6px: f64,
+    /// Of the same: median reprojection error in pixels.
+    pub median_px: f64,
+}
+
+fn name(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Points => "keypoints",
+        Kind::Segments => "segments",
+    }
+}
+
+/// Fewest labelled features that a branch is trained on.
+const MIN_LABELLED: usize = 100;
+/// Steps between checkpoints.
+const CHECKPOINT_EVERY: usize = 200;
+const CHECKPOINT: &str = "checkpoint.safetensors";
+const OPTIONS: &str = "options.json";
+
+/// Trains a scene from its labels.
+///
+/// # Errors
+/// [`TrainError`].
+pub fn train(
+    labels: &Labels,
+    options: &RunOptions,
+    folder: &Path,
+    resume: bool,
+    device: &Device,
+) -> Result<Trained, TrainError> {
+    let folder_error = |source| TrainError::Folder {
+        folder: folder.to_owned(),
+        source,
+    };
+    std::fs::create_dir_all(folder).map_err(folder_error)?;
+    let frame = SceneFrame::of(labels.points.iter().map(|p| p.point_in_world));
+    let mut sessions = sessions(labels, options, &frame, device)?;
+    let checkpoint_path = folder.join(CHECKPOINT);
+    let options_text = serde_json::to_string_pretty(options).map_err(|e| folder_error(e.into()))?;
+    let options_path = folder.join(OPTIONS);
+    let mut log = String::from(
+        "branch,step,total,scene_m,reprojection_px,reliability,gradient,rate,seconds\n",
+    );
+    let mut seconds_before = 0.0;
+    if resume && checkpoint_path.exists() {
+        let found = std::fs::read_to_string(&options_path).map_err(folder_error)?;
+        if found != options_text {
+            return Err(TrainError::OtherRun {
+                folder: folder.to_owned(),
+                what: format!("{found} instead of {options_text}"),
+            });
+        }
+        seconds_before = checkpoint::read(&checkpoint_path, &mut sessions).map_err(|what| {
+            TrainError::Checkpoint {
+                path: checkpoint_path.clone(),
+                what,
+            }
+        })?;
+        log = std::fs::read_to_string(folder.join("log.csv")).unwrap_or(log);
+    } else {
+        files::write_bytes(&options_path, options_text.as_bytes()).map_err(folder_error)?;
+    }
+    let is_held_out = |i: usize| {
+        options.hold_out_every > 0 && i % options.hold_out_every == options.hold_out_every / 2
+    };
+    let split = |held: bool| -> Vec<&LabelledImage> {
+        let images = labels.images.iter().enumerate();
+        images
+            .filter(|(i, _)| is_held_out(*i) == held)
+            .map(|(_, image)| image)
+            .collect()
+    };
+    let (kept, held) = (split(false), split(true));
+    let started = Instant::now();
+    let seconds = || seconds_before + started.elapsed().as_secs_f64();
+    let mut held_out = Vec::new();
+    for index in 0..sessions.len() {
+        let kind = sessions[index].config.kind();
+        let buffer = Buffer::new(kind, labels, kept.iter().copied(), &frame);
+        if sessions[index].step == 0 {
+            set_length(&mut sessions, index, options, &buffer);
+        }
+        let steps = sessions[index].recipe.steps;
+        let bar = progress(name(kind), steps, sessions[index].step);
+        let mut mean = StepReport::default();
+        while sessions[index].step < steps {
+            let session = &mut sessions[index];
+            let report = session.train_step(&buffer);
+            if !report.total.is_finite() {
+                return Err(TrainError::Diverged {
+                    kind: name(kind),
+                    step: session.step,
+                    loss: report.total,
+                    rate: report.rate,
+                });
+            }
+            mean = smoothed(&mean, &report, session.step);
+            bar.inc(1);
+            bar.set_message(format!(
+                "{:.1} cm  {:.1} px  reliability {:.3}",
+                100.0 * mean.scene_m,
+                mean.reprojection_px,
+                mean.reliability
+            ));
+            let step = session.step;
+            if step.is_multiple_of(10) || step == steps {
+                let branch = name(kind);
+                // Writing to a string cannot fail.
+                let _ = writeln!(
+                    log,
+                    "{branch},{step},{},{},{},{},{},{},{:.1}",
+                    report.total,
+                    report.scene_m,
+                    report.reprojection_px,
+                    report.reliability,
+                    report.gradient,
+                    report.rate,
+                    seconds()
+                );
+            }
+            if step.is_multiple_of(CHECKPOINT_EVERY) || step == steps {
+                files::write_bytes(&folder.join("log.csv"), log.as_bytes())
+                    .map_err(folder_error)?;
+                files::write_bytes(&folder.join("curves.svg"), curves::svg(&log).as_bytes())
+                    .map_err(folder_error)?;
+                checkpoint::write(&checkpoint_path, &sessions, seconds()).map_err(folder_error)?;
+            }
+        }
+        bar.finish();
+        let held_buffer = Buffer::new(kind, labels, held.iter().copied(), &frame);
+        held_out.push((kind, judge(&sessions[index], &held_buffer)));
+    }
+    let mut tensors = Vec::new();
+    for session in &sessions {
+        let values = session.parameters().average_values();
+        tensors.extend(session.parameters().specs().cloned().zip(values));
+    }
+    Ok(Trained {
+        config: whole(&sessions),
+        frame,
+        tensors,
+        held_out,
+        seconds: seconds(),
+        steps: sessions.iter().map(|s| (s.config.kind(), s.step)).collect(),
+    })
+}
+
+fn sessions(
+    labels: &Labels,
+    options: &RunOptions,
+    frame: &SceneFrame,
+    device: &Device,
+) -> Result<Vec<Session>, TrainError> {
+    let RegressorConfig::Branches { mut point, line } =
+        RegressorConfig::preset(options.preset, labels.descriptor_len)
+    else {
+        unreachable!("all presets have two branches");
+    };
+    if let landline::models::PointBranchConfig::Anchored(c) = &mut point
+        && let Some(anchors) = options.anchors
+    {
+        c.num_anchors = anchors;
+    }
+    let mut branches = vec![BranchConfig::Point(point)];
+    let labelled_segments: usize = labels
+        .images
+        .iter()
+        .map(|i| i.segment_targets.iter().flatten().count())
+        .sum();
+    if options.lines && labelled_segments >= MIN_LABELLED {
+        branches.extend(line.map(BranchConfig::Line));
+    }
+    let labelled: usize = labels
+        .images
+        .iter()
+        .map(|i| i.point_targets.iter().flatten().count())
+        .sum();
+    if labelled < MIN_LABELLED {
+        return Err(TrainError::TooFewLabels {
+            kind: name(Kind::Points),
+            features: labels.images.iter().map(|i| i.pixels.len()).sum(),
+            labelled,
+            needed: MIN_LABELLED,
+        });
+    }
+    Ok(branches
+        .into_iter()
+        .map(|config| {
+            let mut recipe = recipe::recipe(options.preset, config.kind());
+            if let Some(steps) = options.steps {
+                recipe.steps = steps;
+            }
+            for change in &options.overrides {
+                apply(&mut recipe, change);
+            }
+            Session::new(config, recipe, labels, *frame, options.seed, device)
+        })
+        .collect())
+}
+
+/// `field=value` on a recipe; the command line has checked both by [`check_override`].
+fn apply(recipe: &mut Recipe, change: &str) {
+    if let Some(changed) = overridden(recipe, change) {
+        *recipe = changed;
+    }
+}
+
+fn overridden(recipe: &Recipe, change: &str) -> Option<Recipe> {
+    let (field, value) = change.split_once('=')?;
+    let mut json = serde_json::to_value(recipe).ok()?;
+    let slot = json.get_mut(field)?;
+    *slot = serde_json::from_str(value).ok()?;
+    serde_json::from_value(json).ok()
+}
+
+/// Whether a recipe has such a field and takes such a value.
+///
+/// # Errors
+/// A sentence for the user.
+pub fn check_override(change: &str) -> Result<(), String> {
+    let any = recipe::recipe(Preset::Compact, Kind::Points);
+    overridden(&any, change).map(drop).ok_or_else(|| {
+        format!(
+            "`{change}` does not change a recipe; give FIELD=VALUE with a field of {}",
+            serde_json::to_string(&any).unwrap_or_default()
+        )
+    })
+}
+
+/// Sets the number of steps from `--minutes`, by timing a few steps of a copy.
+fn set_length(sessions: &mut [Session], index: usize, options: &RunOptions, buffer: &Buffer<'_>) {
+    let Some(minutes) = options.minutes else {
+        return;
+    };
+    let branches = sessions.len() as f64;
+    // Lines learn from fewer rows and need less: a quarter of the time.
+    let share = match sessions[index].config.kind() {
+        _ if branches < 2.0 => 1.0,
+        Kind::Points => 0.75,
+        Kind::Segments => 0.25,
+    };
+    let mut probe = sessions[index].clone();
+    probe.train_step(buffer);
+    let started = Instant::now();
+    for _ in 0..4 {
+        probe.train_step(buffer);
+    }
+    let per_step = started.elapsed().as_secs_f64() / 4.0;
+    let steps = (minutes * 60.0 * share / per_step.max(1e-6)) as usize;
+    sessions[index].recipe.steps = steps.max(20);
+}
+
+fn progress(what: &'static str, steps: usize, done: usize) -> ProgressBar {
+    let bar =
+        ProgressBar::with_draw_target(Some(steps as u64), ProgressDrawTarget::stderr_with_hz(4));
+    if let Ok(style) = ProgressStyle::with_template(
+        "{prefix:9} {wide_bar} {pos}/{len}  {elapsed} (left {eta})  {msg}",
+    ) {
+        bar.set_style(style);
+    }
+    bar.set_prefix(what);
+    bar.set_position(done as u64);
+    bar.enable_steady_tick(Duration::from_millis(500));
+    bar
+}
+
+fn smoothed(mean: &StepReport, new: &StepReport, step: usize) -> StepReport {
+    let k = if step <= 1 { 1.0 } else { 0.05 };
+    let mix = |a: f64, b: f64| a + k * (b - a);
+    StepReport {
+        total: mix(mean.total, new.total),
+        scene_m: mix(mean.scene_m, new.scene_m),
+        reprojection_px: mix(mean.reprojection_px, new.reprojection_px),
+        reliability: mix(mean.reliability, new.reliability),
+        ..*new
+    }
+}
+
+/// Numbers on the held-out pictures.
+fn judge(session: &Session, buffer: &Buffer<'_>) -> HeldOut {
+    let best = match session.config.kind() {
+        Kind::Points => 300,
+        Kind::Segments => 100,
+    };
+    let (mut distances, mut errors) = (Vec::new(), Vec::new());
+    for image in 0..buffer.num_images() {
+        let p = session.predict(buffer, image);
+        let mut order: Vec<usize> = (0..p.confidence.len()).collect();
+        order.sort_by(|a, b| p.confidence[*b].total_cmp(&p.confidence[*a]));
+        errors.extend(
+            order
+                .iter()
+                .take(best)
+                .map(|i| f64::from(p.reprojection_px[*i])),
+        );
+        let rows = buffer.image_rows(image);
+        distances.extend(
+            rows.zip(&p.scene_m)
+                .filter(|(row, _)| buffer.track(*row).is_some())
+                .map(|(_, d)| f64::from(*d)),
+        );
+    }
+    let within = errors.iter().filter(|e| **e <= 6.0).count();
+    HeldOut {
+        images: buffer.num_images(),
+        share_within_6px: within as f64 / errors.len().max(1) as f64,
+        median_scene_m: landline::math::stats::median_in_place(&mut distances).unwrap_or(0.0),
+        median_px: landline::math::stats::median_in_place(&mut errors).unwrap_or(0.0),
+    }
+}
+
+/// The configuration of all branches together.
+fn whole(sessions: &[Session]) -> RegressorConfig {
+    let mut point = None;
+    let mut line = None;
+    for session in sessions {
+        match &session.config {
+            BranchConfig::Point(c) => point = Some(c.clone()),
+            BranchConfig::Line(c) => line = Some(c.clone()),
+        }
+    }
+    let Some(point) = point else {
+        unreachable!("a run always has a point branch");
+    };
+    RegressorConfig::Branches { point, line }
+}

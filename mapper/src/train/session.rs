@@ -1,0 +1,456 @@
+//! One branch in training: its parameters, its data, its steps.
+//!
+//! Losses of a step, all in metres so that they weigh alike (a reprojection error becomes metres by depth / focal length):
+//! scene distance and reprojection of the labelled rows, cross-entropy of the reliability over all rows. The attention
+//! branches take the label itself as reliable (the paper); the anchored ones take "reprojects within a few pixels", which
+//! also tells them of unlabelled features. With `paper_reduction` the scene distance is a sum, as the reference has it.
+
+use super::buffer::{Batch, Buffer, Kind, SceneFrame};
+use super::loss::{self, Observations};
+use super::net::{self, Context, Prediction};
+use super::params::{AdamSettings, Leaves, Parameters, numbers};
+use super::{init, schedule};
+use crate::labels::Labels;
+use burn::tensor::{Device, Tensor, TensorData};
+use landline::math::Rng;
+use landline::models::{LineBranchConfig, PointBranchConfig, TensorSpec};
+use serde::{Deserialize, Serialize};
+
+/// A branch of either kind.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BranchConfig {
+    /// Keypoints to points.
+    Point(PointBranchConfig),
+    /// Segments to 3D segments.
+    Line(LineBranchConfig),
+}
+
+impl BranchConfig {
+    /// Which features go in.
+    pub fn kind(&self) -> Kind {
+        match self {
+            Self::Point(_) => Kind::Points,
+            Self::Line(_) => Kind::Segments,
+        }
+    }
+
+    /// Names and shapes of the tensors.
+    pub fn tensors(&self) -> Vec<TensorSpec> {
+        match self {
+            Self::Point(c) => c.tensors(),
+            Self::Line(c) => c.tensors(),
+        }
+    }
+
+    /// Whether rows of one image see each other.
+    pub fn has_attention(&self) -> bool {
+        matches!(
+            self,
+            Self::Point(PointBranchConfig::Attention(_))
+                | Self::Line(LineBranchConfig::Attention(_))
+        )
+    }
+}
+
+/// How a branch is trained.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Recipe {
+    /// Steps in all.
+    pub steps: usize,
+    /// Images in a batch; with attention only.
+    pub images: usize,
+    /// Rows in a batch, or of each image with attention.
+    pub rows: usize,
+    /// Peak learning rate.
+    pub rate: f64,
+    /// Part of the run in which the rate rises.
+    pub warm_up: f64,
+    /// Factors on the rate of tensors whose name ends so.
+    pub rate_factors: Vec<(String, f64)>,
+    /// Added to every descriptor number.
+    pub descriptor_noise: f64,
+    /// Decoupled weight decay of matrices.
+    pub weight_decay: f32,
+    /// Largest norm of the gradient.
+    pub max_gradient_norm: Option<f32>,
+    /// Decay of the running average; 0 for none.
+    pub average_decay: f64,
+    /// Weight of the scene distance.
+    pub scene_weight: f64,
+    /// The scene distance is `limit * tanh(d / limit)`; `None` leaves it straight.
+    pub scene_clamp_m: Option<f64>,
+    /// Weight of the reprojection error in metres.
+    pub reprojection_weight: f64,
+    /// Clamp of the reprojection error in pixels: beginning, end.
+    pub reprojection_clamp_px: [f64; 2],
+    /// Part of the run without the reprojection loss.
+    pub reprojection_start: f64,
+    /// Weight of the reliability.
+    pub reliability_weight: f64,
+    /// Anchored branches: a row is reliable when it reprojects within this.
+    pub reliable_px: f64,
+    /// Sums, pixels and no clamp of the distance, as the paper's code.
+    pub paper_reduction: bool,
+    /// The paper's step-wise rate instead of one cycle.
+    pub halving_rate: bool,
+}
+
+/// Means over a step, for the log.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct StepReport {
+    /// What is minimised.
+    pub total: f64,
+    /// Scene distance of the labelled rows in metres, unclamped.
+    pub scene_m: f64,
+    /// Reprojection error of the labelled rows, clamped at the schedule's limit.
+    pub reprojection_px: f64,
+    /// Cross-entropy of the reliability.
+    pub reliability: f64,
+    /// Norm of the gradient.
+    pub gradient: f64,
+    /// Learning rate.
+    pub rate: f64,
+}
+
+/// What a branch predicts for rows, read back.
+#[derive(Debug, Clone, Default)]
+pub struct Predicted {
+    /// Centred world coordinates in metres, 3 or 6 a row.
+    pub coordinates: Vec<f32>,
+    /// 0..1.
+    pub confidence: Vec<f32>,
+    /// Pixels; for segments the sum over both ends.
+    pub reprojection_px: Vec<f32>,
+    /// Distance to the target; 0 without one.
+    pub scene_m: Vec<f32>,
+}
+
+/// A branch in training.
+#[derive(Clone)]
+pub struct Session {
+    /// What is trained.
+    pub config: BranchConfig,
+    /// How.
+    pub recipe: Recipe,
+    /// Normalisation of coordinates.
+    pub frame: SceneFrame,
+    /// Steps done.
+    pub step: usize,
+    seed: u64,
+    parameters: Parameters,
+    adam: AdamSettings,
+}
+
+impl Session {
+    /// A branch at its start. Anchored configurations are shrunk to the landmarks that there are.
+    pub fn new(
+        mut config: BranchConfig,
+        recipe: Recipe,
+        labels: &Labels,
+        frame: SceneFrame,
+        seed: u64,
+        device: &Device,
+    ) -> Self {
+        let mut rng = Rng::from_seed(seed);
+        let anchors = match &mut config {
+            BranchConfig::Point(PointBranchConfig::Anchored(c)) => {
+                let anchors = init::point_anchors(labels, &frame, c.num_anchors);
+                c.num_anchors = anchors.len();
+                anchors
+            }
+            BranchConfig::Line(LineBranchConfig::Anchored(c)) => {
+                let anchors = init::line_anchors(labels, &frame, c.num_anchors);
+                c.num_anchors = anchors.len();
+                anchors
+            }
+            _ => Vec::new(),
+        };
+        let specs = config.tensors();
+        let residual_zero = !recipe.paper_reduction;
+        let start = |spec: &TensorSpec| {
+            let fan_in = init::fan_in(spec, &specs);
+            if config.has_attention() {
+                init::attention_start(spec, fan_in, seed, residual_zero)
+            } else {
+                init::anchored_start(spec, fan_in, &anchors, &mut rng)
+            }
+        };
+        let mut parameters = Parameters::new(specs.clone(), device, start);
+        for (name, factor) in &recipe.rate_factors {
+            parameters.scale_rate(name, *factor);
+        }
+        let adam = AdamSettings {
+            beta_1: 0.9,
+            beta_2: if recipe.paper_reduction { 0.999 } else { 0.99 },
+            epsilon: 1e-8,
+            weight_decay: recipe.weight_decay,
+            max_gradient_norm: recipe.max_gradient_norm,
+        };
+        Self {
+            config,
+            recipe,
+            frame,
+            step: 0,
+            seed,
+            parameters,
+            adam,
+        }
+    }
+
+    /// The trained tensors.
+    pub fn parameters(&self) -> &Parameters {
+        &self.parameters
+    }
+
+    /// The trained tensors, to restore them.
+    pub fn parameters_mut(&mut self) -> &mut Parameters {
+        &mut self.parameters
+    }
+
+    fn rng_of_step(&self, salt: u64) -> Rng {
+        // A generator for each step: a resumed run draws what an uninterrupted one would have drawn.
+        let step = (self.step as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        Rng::from_seed(self.seed ^ step ^ salt)
+    }
+
+    fn draw(&self, buffer: &Buffer<'_>) -> Batch {
+        let mut rng = self.rng_of_step(0);
+        let mut batch = if self.config.has_attention() {
+            buffer.draw_images(self.recipe.images, self.recipe.rows, &mut rng)
+        } else {
+            buffer.draw_rows(self.recipe.rows, &mut rng)
+        };
+        let descriptor = self.descriptor_len();
+        batch.disturb(
+            self.config.kind(),
+            descriptor,
+            self.recipe.descriptor_noise,
+            &mut rng,
+        );
+        batch
+    }
+
+    fn descriptor_len(&self) -> usize {
+        match &self.config {
+            BranchConfig::Point(c) => c.descriptor_channels(),
+            BranchConfig::Line(c) => c.descriptor_channels(),
+        }
+    }
+
+    fn forward(&self, leaves: &Leaves<'_>, inputs: Tensor<2>, context: Context) -> Prediction {
+        match &self.config {
+            BranchConfig::Point(PointBranchConfig::Anchored(c)) => {
+                net::anchored_points(c, leaves, inputs)
+            }
+            BranchConfig::Line(LineBranchConfig::Anchored(c)) => {
+                net::anchored_lines(c, leaves, inputs)
+            }
+            BranchConfig::Point(PointBranchConfig::Attention(c)) => {
+                net::attention_points(c, leaves, inputs, |_| context)
+            }
+            BranchConfig::Line(LineBranchConfig::Attention(c)) => {
+                net::attention_lines(c, leaves, inputs, &context)
+            }
+        }
+    }
+
+    fn reprojection(&self, coordinates: Tensor<2>, o: &Observations) -> [Tensor<2>; 3] {
+        match self.config.kind() {
+            Kind::Points => loss::point_reprojection(coordinates, o),
+            Kind::Segments => loss::segment_reprojection(coordinates, o),
+        }
+    }
+
+    /// Distance of predicted coordinates to the target. Segments: of both ends from the target's infinite line, plus a
+    /// tenth of the distance of the ends, because a solver does not care where on its line a segment lies.
+    fn scene_distance(&self, prediction: Tensor<2>, target: Tensor<2>) -> Tensor<2> {
+        if self.config.kind() == Kind::Points || self.recipe.paper_reduction {
+            return loss::distance(prediction, target);
+        }
+        let start = target.clone().narrow(1, 0, 3);
+        let along = target.clone().narrow(1, 3, 3) - start.clone();
+        let along = net::unit_rows(along);
+        let off = |column: usize| {
+            let d = prediction.clone().narrow(1, column, 3) - start.clone();
+            let parallel = (d.clone() * along.clone()).sum_dim(1);
+            let across = d - along.clone() * parallel;
+            let zero = across.zeros_like();
+            loss::distance(across, zero)
+        };
+        let ends = loss::distance(prediction.clone(), target);
+        (off(0) + off(3)).mul_scalar(0.5) + ends.mul_scalar(0.1)
+    }
+
+    /// One step on rows of the buffer.
+    pub fn train_step(&mut self, buffer: &Buffer<'_>) -> StepReport {
+        let t = self.step as f64 / self.recipe.steps.max(1) as f64;
+        let batch = self.draw(buffer);
+        let device = self.parameters.device().clone().autodiff();
+        self.parameters
+            .device()
+            .seed(self.rng_of_step(1).next_u64());
+        let (report, gradients) = {
+            let leaves = self.parameters.leaves();
+            let (total, report) = self.losses(&leaves, &batch, buffer.input_len(), t, &device);
+            let gradients = total.backward();
+            (report, leaves.gradients(gradients))
+        };
+        let rate = if self.recipe.halving_rate {
+            let epoch_len = buffer.num_images().max(1);
+            schedule::halving(
+                self.step / epoch_len,
+                self.recipe.steps / epoch_len,
+                self.recipe.rate,
+            )
+        } else {
+            schedule::one_cycle(t, self.recipe.rate, self.recipe.warm_up, 1e-3)
+        };
+        // The average starts when the rate has begun to fall; before, it would drag the start values along.
+        let decay = if t < 0.2 {
+            0.0
+        } else {
+            self.recipe.average_decay
+        };
+        let gradient = self.parameters.step(gradients, rate, &self.adam, decay);
+        self.step += 1;
+        StepReport {
+            gradient,
+            rate,
+            ..report
+        }
+    }
+
+    fn losses(
+        &self,
+        leaves: &Leaves<'_>,
+        batch: &Batch,
+        input_len: usize,
+        t: f64,
+        device: &Device,
+    ) -> (Tensor<1>, StepReport) {
+        let r = &self.recipe;
+        let rows = batch.rows();
+        let inputs = Tensor::from_data(
+            TensorData::new(batch.inputs.clone(), [rows, input_len]),
+            device,
+        );
+        let target_len = batch.targets.len() / rows;
+        let targets = Tensor::from_data(
+            TensorData::new(batch.targets.clone(), [rows, target_len]),
+            device,
+        );
+        let has_target = loss::column(&batch.has_target, device);
+        let is_real = loss::column(&batch.is_real, device);
+        let o = batch.observations.to_device(device);
+        let context = Context {
+            images: if self.config.has_attention() {
+                r.images
+            } else {
+                1
+            },
+            // The paper's training: points attend to what has a label, segments to all.
+            attended: match self.config.kind() {
+                Kind::Points => has_target.clone(),
+                Kind::Segments => is_real.clone(),
+            },
+            training: true,
+        };
+        let prediction = self.forward(leaves, inputs, context);
+        let metres = prediction.coordinates.mul_scalar(self.frame.scale);
+        let distance = self.scene_distance(metres.clone(), targets);
+        let [error_px, depth, usable] = self.reprojection(metres, &o);
+        let limit = schedule::clamp_px(
+            t,
+            r.reprojection_clamp_px[0] - r.reprojection_clamp_px[1],
+            r.reprojection_clamp_px[1],
+        );
+        let clamped_px = loss::clamped(error_px.clone(), limit);
+        let kept = has_target.clone() * usable.clone();
+        let scene_rows = match r.scene_clamp_m {
+            Some(limit) => loss::clamped(distance.clone(), limit),
+            None => distance.clone(),
+        };
+        let [scene_sum, scene_count] = loss::weighted(scene_rows, has_target.clone());
+        let scene = if r.paper_reduction {
+            scene_sum
+        } else {
+            scene_sum / scene_count
+        };
+        let reprojection = if t < r.reprojection_start {
+            scene.zeros_like()
+        } else if r.paper_reduction {
+            loss::weighted_mean(clamped_px.clone(), kept.clone())
+        } else {
+            let metres_per_px = depth.detach() / o.focal_px.clone();
+            loss::weighted_mean(clamped_px.clone() * metres_per_px, kept.clone())
+        };
+        let reliable = if self.config.has_attention() {
+            has_target.clone()
+        } else {
+            error_px.detach().lower_equal_scalar(r.reliable_px).float() * usable
+        };
+        let reliability =
+            loss::weighted_mean(loss::cross_entropy(prediction.logits, reliable), is_real);
+        let total = scene.mul_scalar(r.scene_weight)
+            + reprojection.mul_scalar(r.reprojection_weight)
+            + reliability.clone().mul_scalar(r.reliability_weight);
+        let number = |x: Tensor<1>| f64::from(x.into_scalar::<f32>());
+        let report = StepReport {
+            total: number(total.clone().inner()),
+            scene_m: number(loss::weighted_mean(distance, has_target).inner()),
+            reprojection_px: number(loss::weighted_mean(clamped_px, kept).inner()),
+            reliability: number(reliability.inner()),
+            ..StepReport::default()
+        };
+        (total, report)
+    }
+
+    /// What the averaged parameters predict for the rows of one image.
+    pub fn predict(&self, buffer: &Buffer<'_>, image: usize) -> Predicted {
+        let rows: Vec<usize> = buffer.image_rows(image).collect();
+        if rows.is_empty() {
+            return Predicted::default();
+        }
+        let batch = buffer.rows(rows);
+        let device = self.parameters.device();
+        let count = batch.rows();
+        let inputs = Tensor::from_data(
+            TensorData::new(batch.inputs.clone(), [count, buffer.input_len()]),
+            device,
+        );
+        let leaves = self.parameters.averages();
+        let context = Context {
+            images: 1,
+            attended: net::all_rows(count, device),
+            training: false,
+        };
+        // Pruned points are not attended to either.
+        let prediction = match &self.config {
+            BranchConfig::Point(PointBranchConfig::Attention(c)) => {
+                net::attention_points(c, &leaves, inputs, |logits| Context {
+                    attended: burn::tensor::activation::sigmoid(logits.clone())
+                        .greater_scalar(c.min_confidence)
+                        .float(),
+                    ..context
+                })
+            }
+            _ => self.forward(&leaves, inputs, context),
+        };
+        let metres = prediction.coordinates.mul_scalar(self.frame.scale);
+        let target_len = batch.targets.len() / count;
+        let targets =
+            Tensor::from_data(TensorData::new(batch.targets, [count, target_len]), device);
+        let distance =
+            self.scene_distance(metres.clone(), targets) * loss::column(&batch.has_target, device);
+        let [error, _, usable] =
+            self.reprojection(metres.clone(), &batch.observations.to_device(device));
+        let unusable = usable.neg().add_scalar(1.0).mul_scalar(loss::MAX_ERROR_PX);
+        Predicted {
+            coordinates: numbers(&metres),
+            confidence: numbers(&burn::tensor::activation::sigmoid(prediction.logits)),
+            reprojection_px: numbers(&(error + unusable)),
+            scene_m: numbers(&distance),
+        }
+    }
+}

@@ -1,0 +1,582 @@
+// Public declarations of the npm package, as built. Made by `cargo xtask api --bless`; not written by hand.
+
+// ---- adapters/three.d.ts
+
+/**
+ * Puts a result into three.js. Optional entry `landline/three`; three itself is only needed for its types.
+ *
+ * three's cameras look along -z with y up, the engine's along +z with y down. The result already carries both forms;
+ * this is the one place that applies them.
+ */
+import type { Camera as ThreeCamera, PerspectiveCamera } from "three";
+import type { Intrinsics, Placement } from "../types.js";
+/** Moves a camera to where the real one is. Its matrix is set as a whole: `matrixAutoUpdate` is turned off. */
+export declare function applyPlacement(camera: ThreeCamera, placement: Placement): void;
+/** Column-major projection whose picture covers exactly the frame, off-centre principal point included. */
+export declare function projectionMatrix(intrinsics: Intrinsics, near: number, far: number): Float64Array;
+/** Gives a camera the real one's field of view. Draw into a viewport with the frame's aspect ratio. */
+export declare function applyIntrinsics(camera: PerspectiveCamera, intrinsics: Intrinsics, near?: number, far?: number): void;
+
+// ---- assets.d.ts
+
+import type { BytesSource, LoadedFile, ProgressEvent } from "./types.js";
+export interface LoadOptions {
+    file: LoadedFile;
+    onProgress?: ((event: ProgressEvent) => void) | undefined;
+    signal?: AbortSignal | undefined;
+    cache?: "default" | "none" | undefined;
+    integrity?: string | undefined;
+    fetch?: typeof fetch | undefined;
+}
+/** SHA-256 as 64 hex digits; `null` where the browser gives no access to it (pages without HTTPS). */
+export declare function sha256(bytes: Uint8Array): Promise<string | null>;
+/** Accepts 64 hex digits or the `sha256-<base64>` form of subresource integrity. */
+export declare function checksumAsHex(integrity: string): string;
+/** Loads bytes from whatever the caller has. The answer is never a view into the caller's own buffer. */
+export declare function loadBytes(source: BytesSource, options: LoadOptions): Promise<Uint8Array>;
+/** True when the file at this address is in the cache. */
+export declare function isCached(url: string | URL): Promise<boolean>;
+/** Removes everything that this package has stored on the device. */
+export declare function clearCache(): Promise<void>;
+
+// ---- camera.d.ts
+
+import type { Relocalizer } from "./relocalizer.js";
+import type { Include, Intrinsics, LocateResult } from "./types.js";
+export interface CameraOptions {
+    /** Ask for this device. Otherwise the one that looks away from the user. */
+    deviceId?: string;
+    /** What to ask for; the camera may give something else. */
+    width?: number;
+    height?: number;
+}
+export interface Camera {
+    readonly stream: MediaStream;
+    /** Playing; not part of the page unless you add it. */
+    readonly video: HTMLVideoElement;
+    /** Changes when the lens or the size changes: key for what is remembered about the focal length. */
+    key(): string;
+    /** Stops the camera. */
+    stop(): void;
+}
+/** Opens a camera. Call it from a click or a tap: browsers ask the user. */
+export declare function camera(options?: CameraOptions): Promise<Camera>;
+/** Intrinsics from the track's settings, in the form of the W3C proposal; no browser fills them in yet. */
+export declare function intrinsicsFromTrack(track: MediaStreamTrack | undefined): Intrinsics | undefined;
+export interface FollowOptions {
+    intrinsics?: Intrinsics;
+    include?: readonly Include[];
+    camera?: string | (() => string);
+    /** Frames a second at most; fewer keep a phone cool. */
+    maxFps?: number;
+    onResult?: (result: LocateResult) => void;
+    onError?: (error: unknown) => void;
+}
+/** A running loop. */
+export interface Following {
+    /** Frames that came while an older one was being worked on; they were dropped. */
+    readonly dropped: number;
+    readonly processed: number;
+    stop(): void;
+}
+/** Locates a playing video's newest frame again and again; pauses while the page is hidden. */
+export declare function follow(relocalizer: Relocalizer, video: HTMLVideoElement, options?: FollowOptions): Following;
+
+// ---- errors.d.ts
+
+/** Everything that can go wrong, as stable codes. "No position found" is not among them: that is a result. */
+export type LandlineErrorCode = 
+/** The browser lacks something that is needed; `message` says what. */
+"unsupported"
+/** A file could not be loaded: network, HTTP status, or the server sent a web page instead. */
+ | "asset-fetch"
+/** The engine's wasm file arrived, but is not wasm. */
+ | "asset-mime"
+/** A file differs from the checksum that was asked for. */
+ | "asset-integrity"
+/** The scene file was written for a newer or unknown version of the format. */
+ | "scene-version"
+/** The scene file is damaged, cut short, or no scene file at all. */
+ | "scene-corrupt"
+/** The scene was taught on descriptors of another extractor. */
+ | "scene-extractor"
+/** The extractor's weights are damaged or of another network. */
+ | "extractor-corrupt"
+/** The WebGPU device is gone and cannot be replaced. */
+ | "webgpu-lost"
+/** Memory could not be had. */
+ | "out-of-memory"
+/** An argument makes no sense; `message` names it and its value. */
+ | "bad-input"
+/** The camera is not there, busy, or not allowed. */
+ | "camera-unavailable" | "camera-denied" | "camera-busy" | "camera-insecure"
+/** A defect inside the engine. This instance cannot go on; create a new one. */
+ | "panicked"
+/** `dispose()` was called before or during this call. */
+ | "disposed";
+/** Every error that this package raises itself. Cancelling by a signal rejects with the signal's own reason. */
+export declare class LandlineError extends Error {
+    readonly name = "LandlineError";
+    /** Stable; made for `switch`. */
+    readonly code: LandlineErrorCode;
+    /** What the reader can do about it, one sentence; empty when there is nothing. */
+    readonly hint: string;
+    constructor(code: LandlineErrorCode, message: string, hint?: string, cause?: unknown);
+}
+/** The fields of an error that survive a trip between threads. */
+export interface PlainError {
+    code: string;
+    message: string;
+    hint: string;
+}
+/** Makes a `LandlineError` from anything thrown by the engine or the other thread. */
+export declare function asLandlineError(thrown: unknown): LandlineError;
+/** The opposite of `asLandlineError`, for messages between threads. */
+export declare function plainError(thrown: unknown): PlainError;
+
+// ---- exif.d.ts
+
+/**
+ * Focal length from a JPEG's EXIF block.
+ *
+ * Source: the EXIF 2.3 standard, tags 0xA405 (FocalLengthIn35mmFilm) and 0x8769 (pointer to the EXIF directory).
+ * The 35 mm frame has a diagonal of 43.27 mm, so the focal length in pixels is f35 / 43.27 of the picture's diagonal.
+ */
+/** EXIF stands in the first segments; more than this is never needed. */
+export declare const exifBytes: number;
+/** 35 mm equivalent focal length in millimetres, or `null` when the bytes do not say. */
+export declare function focalLength35mm(bytes: Uint8Array): number | null;
+/** Focal length in pixels of a picture of the given size. */
+export declare function focalPxFrom35mm(focal35mm: number, width: number, height: number): number;
+
+// ---- index.d.ts
+
+/** landline: finds the camera of a picture in a taught place, on the device. */
+export { Relocalizer, packagedExtractorUrl, type StateEvent } from "./relocalizer.js";
+export { packagedWasmUrl } from "./init.js";
+export { LandlineError, type LandlineErrorCode } from "./errors.js";
+export { camera, follow, intrinsicsFromTrack, type Camera, type CameraOptions, type FollowOptions, type Following } from "./camera.js";
+export { checkSupport } from "./support.js";
+export { clearCache, isCached } from "./assets.js";
+export { focalLength35mm, focalPxFrom35mm } from "./exif.js";
+export type * from "./types.js";
+
+// ---- init.d.ts
+
+import type { CreateOptions } from "./types.js";
+type InitOptions = {
+    [K in "wasm" | "onProgress" | "signal" | "fetch"]?: CreateOptions[K] | undefined;
+};
+/** Where the engine lies in this package. */
+export declare function packagedWasmUrl(): URL;
+/** The compiled engine. Compiled once per address; a failure is not remembered. */
+export declare function loadEngine(options: InitOptions): Promise<WebAssembly.Module>;
+export {};
+
+// ---- protocol.d.ts
+
+/** Messages between the page and the worker. */
+import type { PlainError } from "./errors.js";
+import type { Device, Include, Intrinsics, IntrinsicsSource, LiveOptions, LocateResult, RawFrame, SceneInfo, Backend } from "./types.js";
+/** Pixels, or something that the worker can draw. */
+export type WireFrame = RawFrame | ImageBitmap | VideoFrame;
+export interface CreateRequest {
+    module: WebAssembly.Module;
+    extractor: Uint8Array;
+    scene: Uint8Array;
+    device: Device;
+    options: LiveOptions;
+}
+export interface LocateRequest {
+    frame: WireFrame;
+    intrinsics?: Intrinsics;
+    intrinsicsSource: IntrinsicsSource;
+    timestampMs: number;
+    include: readonly Include[];
+    camera: string;
+    tracking: boolean;
+    /** `performance.now()` plus its origin when `locate` was called. */
+    calledAt: number;
+}
+export interface Created {
+    scene: SceneInfo;
+    backend: Backend;
+    backendReason: string;
+}
+/** What the engine holds, in bytes. */
+export interface MemoryUse {
+    wasmBytes: number;
+}
+export interface Calls {
+    create: {
+        request: CreateRequest;
+        reply: Created;
+    };
+    locate: {
+        request: LocateRequest;
+        reply: LocateResult;
+    };
+    setOptions: {
+        request: LiveOptions;
+        reply: null;
+    };
+    reset: {
+        request: null;
+        reply: null;
+    };
+    memory: {
+        request: null;
+        reply: MemoryUse;
+    };
+    dispose: {
+        request: null;
+        reply: null;
+    };
+}
+export type CallName = keyof Calls;
+export interface Request<N extends CallName = CallName> {
+    id: number;
+    call: N;
+    request: Calls[N]["request"];
+}
+export type Reply = {
+    id: number;
+    ok: true;
+    reply: unknown;
+} | {
+    id: number;
+    ok: false;
+    error: PlainError;
+};
+
+// ---- relocalizer.d.ts
+
+import type { MemoryUse } from "./protocol.js";
+import type { Backend, CreateOptions, FrameSource, LiveOptions, LocateOptions, LocateResult, SceneInfo } from "./types.js";
+/** Where the extractor's weights lie in this package. */
+export declare function packagedExtractorUrl(): URL;
+/** What `searching`, `tracking` and `limited` listeners get; `detail` is the result that led there. */
+export type StateEvent = CustomEvent<LocateResult>;
+/**
+ * Finds the camera in one taught place.
+ *
+ * Raises the events `searching`, `tracking` and `limited` (`CustomEvent` with the result as `detail`) whenever the
+ * state over several frames changes, and `result` for every frame.
+ */
+export declare class Relocalizer extends EventTarget {
+    #private;
+    /** What the scene file says about itself. */
+    readonly scene: SceneInfo;
+    private constructor();
+    /** Loads the engine, the extractor and the scene, side by side, and makes them ready. */
+    static create(options: CreateOptions): Promise<Relocalizer>;
+    /** What executes the networks. */
+    get backend(): Backend;
+    /** Why not something faster. */
+    get backendReason(): string;
+    get state(): LocateResult["state"];
+    /** True while no frame is under way: the moment to hand in the newest one. */
+    get idle(): boolean;
+    /** Finds the camera of one frame. Frames are answered in the order of the calls. */
+    locate(source: FrameSource, options?: LocateOptions): Promise<LocateResult>;
+    /** Changes options; those left out stay. */
+    setOptions(options: LiveOptions): Promise<void>;
+    /** Forgets where the camera was: the next frame is located from nothing. */
+    reset(): Promise<void>;
+    /** Bytes that the engine holds. */
+    memory(): Promise<MemoryUse>;
+    /** Ends the worker and frees everything. Frames under way reject with `disposed`. Calling it twice is fine. */
+    dispose(): Promise<void>;
+    [Symbol.asyncDispose](): Promise<void>;
+}
+
+// ---- support.d.ts
+
+/** What this browser offers. */
+import type { Support } from "./types.js";
+export declare function hasSimd(): boolean;
+/** True where the code runs under Node rather than in a browser or a worker of one. */
+export declare function isNode(): boolean;
+/** Tells whether the engine can run here, and what it could use. Loads nothing. */
+export declare function checkSupport(): Promise<Support>;
+
+// ---- types.d.ts
+
+/** Types of the public interface. No code, no imports. */
+/** What executes the networks. `auto` takes WebGPU where it is present, correct and faster. */
+export type Device = "auto" | "webgpu" | "cpu";
+/** What really executes them. */
+export type Backend = "webgpu" | "cpu";
+/** Where bytes come from. A `string` is a URL (under Node also a path). */
+export type BytesSource = string | URL | ArrayBuffer | Uint8Array | Blob | ReadableStream<Uint8Array>;
+/** Pixels in memory. `stride` is in bytes and defaults to tight rows. */
+export interface RawFrame {
+    data: Uint8Array | Uint8ClampedArray;
+    width: number;
+    height: number;
+    stride?: number;
+    format: "luma8" | "rgb8" | "rgba8";
+}
+/** One picture. Under Node: `RawFrame` or anything shaped like `ImageData`. */
+export type FrameSource = RawFrame | ImageData | ImageBitmap | VideoFrame | Blob | HTMLCanvasElement | OffscreenCanvas | HTMLVideoElement | HTMLImageElement;
+/** Pinhole intrinsics in pixels of a picture of the stated size; corner-based (first pixel's centre is 0.5, 0.5). */
+export interface Intrinsics {
+    fx: number;
+    fy: number;
+    cx: number;
+    cy: number;
+    width: number;
+    height: number;
+}
+/** How the intrinsics of a result came to be known. */
+export type IntrinsicsSource = 
+/** Passed to `locate`. */
+"given"
+/** From the camera track's settings. */
+ | "track"
+/** From the picture's EXIF data. */
+ | "exif"
+/** Learned from earlier frames of the same camera. */
+ | "remembered"
+/** Solved from this frame together with the position. */
+ | "estimated"
+/** A guess for lack of anything better; distances may be wrong by as much as the guess is. */
+ | "assumed";
+/** Why there is no position. */
+export type NotLocatedReason = 
+/** Too little to see: a wall, darkness, blur. */
+"few-features"
+/** The network is sure of too few features: probably not this place. */
+ | "few-correspondences"
+/** No position explains enough of them. */
+ | "few-inliers"
+/** What is visible leaves the position open, for example a single flat wall far away. */
+ | "degenerate"
+/** Several positions explain the picture equally well. */
+ | "ambiguous"
+/** The time budget ran out first. */
+ | "timeout";
+/** State over several frames. */
+export type TrackingState = "searching" | "tracking" | "limited";
+/** Why tracking is limited. */
+export type LimitedReason = "lost" | "jump" | "focal-uncertain";
+/** Where the camera is. Every matrix is 4x4. */
+export interface Placement {
+    /** Maps world to camera. Row-major; OpenCV camera axes: x right, y down, z forward. */
+    cameraFromWorld: Float64Array;
+    /** Maps camera to world, the inverse of the above; its last column is the camera's position. Row-major, OpenCV axes. */
+    worldFromCamera: Float64Array;
+    /** The camera's position in the world. */
+    position: {
+        x: number;
+        y: number;
+        z: number;
+    };
+    /** Rotation part of `worldFromCamera` as a unit quaternion. */
+    rotation: {
+        w: number;
+        x: number;
+        y: number;
+        z: number;
+    };
+    /** For three.js, WebGL, WebXR: column-major; the camera looks along -z, y is up. */
+    three: {
+        /** `camera.matrixWorld.fromArray(...)` */
+        worldFromCamera: Float32Array;
+        /** `camera.matrixWorldInverse.fromArray(...)` */
+        cameraFromWorld: Float32Array;
+    };
+}
+/** Which bulk arrays a result carries. They are left out unless asked for, so that frames stay light. */
+export type Include = "points" | "lines" | "segments";
+/** Keypoints that became correspondences. */
+export interface ResultPoints {
+    /** x, y per point, pixels of the frame. */
+    pixels: Float32Array;
+    /** x, y, z per point, world. */
+    world: Float32Array;
+    /** What the network believes, 0..1. */
+    confidence: Float32Array;
+    /** 1 where the position explains the point. */
+    isInlier: Uint8Array;
+}
+/** Image segments that became correspondences. */
+export interface ResultLines {
+    /** x1, y1, x2, y2 per line, pixels of the frame. */
+    pixels: Float32Array;
+    /** Both ends, six numbers per line, world. */
+    world: Float32Array;
+    confidence: Float32Array;
+    isInlier: Uint8Array;
+}
+/** Milliseconds per stage of one frame. */
+export interface Timings {
+    /** Waiting for earlier frames and moving pixels into the engine. */
+    transfer: number;
+    /** Grey image and resize. */
+    preprocess: number;
+    /** Extractor network and keypoints. */
+    features: number;
+    /** Line segments. */
+    lines: number;
+    /** The scene's two networks. */
+    regress: number;
+    /** Position from correspondences. */
+    solve: number;
+    total: number;
+}
+/** What `locate` answers. `located` tells the two kinds apart. */
+export interface LocateResult {
+    located: boolean;
+    /** Present when not located. */
+    reason?: NotLocatedReason;
+    /** Present when located. Smoothed when smoothing is on. */
+    placement?: Placement;
+    /** The same before smoothing; present only when smoothing is on. */
+    unsmoothed?: Placement;
+    /** Size of the frame that the pixels of this result refer to. */
+    frame: {
+        width: number;
+        height: number;
+    };
+    /** The frame's time as passed in, else the time of the call. */
+    timestampMs: number;
+    intrinsics: Intrinsics & {
+        source: IntrinsicsSource; /** Standard deviation of the focal length / focal length. */
+        relativeSigma?: number;
+    };
+    quality: {
+        keypoints: number;
+        segments: number;
+        pointCorrespondences: number;
+        lineCorrespondences: number;
+        pointInliers: number;
+        lineInliers: number;
+        medianErrorPx: number;
+        /** 0..1; how far the number of inliers and their spread support the position. */
+        confidence: number;
+        /** 6x6 row-major: rotation (rad, camera axes) then translation (scene units). */
+        covariance?: Float64Array;
+        /** Standard deviations that follow from it. */
+        sigmaPosition?: number;
+        sigmaRotationRad?: number;
+    };
+    state: TrackingState;
+    limited?: LimitedReason;
+    points?: ResultPoints;
+    lines?: ResultLines;
+    /** All detected segments, x1, y1, x2, y2. */
+    segments?: Float32Array;
+    timingsMs: Timings;
+    backend: Backend;
+    /** Why not a faster one. */
+    backendReason: string;
+}
+/** Options of one `locate` call. */
+export interface LocateOptions {
+    intrinsics?: Intrinsics;
+    /** Milliseconds; must grow from frame to frame of one camera. */
+    timestamp?: number;
+    include?: readonly Include[];
+    /** Name of the camera for what is remembered about it. Frames without a name share nothing. */
+    camera?: string;
+    /** Treat the frame as the next one of a moving camera: last position as prior, smoothing, state. */
+    tracking?: boolean;
+    /** Hand over `ImageBitmap`, `VideoFrame` or the buffer of raw pixels instead of copying: they are unusable afterwards. */
+    transfer?: boolean;
+    signal?: AbortSignal;
+}
+export type Smoothing = "off" | "steady" | "responsive";
+/** Options that can be changed at any time. */
+export interface LiveOptions {
+    smoothing?: Smoothing;
+    /** Largest side of the image the engine works on. The scene's own value is best. */
+    maxSide?: number;
+    /** Upper limit for the search for a position. */
+    timeBudgetMs?: number;
+    /** Same seed, same frame, same answer. */
+    seed?: number;
+    /** Inlier thresholds in pixels of the working image. */
+    maxPointErrorPx?: number;
+    maxLineErrorPx?: number;
+}
+export interface CreateOptions extends LiveOptions {
+    /** A `.landline` file. */
+    scene: BytesSource;
+    /** Weights of the extractor; those in this package by default. */
+    extractor?: BytesSource;
+    device?: Device;
+    onProgress?: (event: ProgressEvent) => void;
+    signal?: AbortSignal;
+    /** The engine; the one in this package by default. */
+    wasm?: string | URL | ArrayBuffer | Uint8Array | WebAssembly.Module;
+    /** Run in a worker. Default: yes in browsers, no under Node. */
+    worker?: boolean;
+    /** Where the worker's script lies, when a bundler or a strict host needs it elsewhere. */
+    workerUrl?: string | URL;
+    /** `default`: weights are kept in the Cache API. */
+    cache?: "default" | "none";
+    /** `sha256-<base64>` or 64 hex digits. */
+    integrity?: {
+        scene?: string;
+        extractor?: string;
+    };
+    /** Used for every download. */
+    fetch?: typeof fetch;
+}
+/** Files that are loaded. */
+export type LoadedFile = "engine" | "extractor" | "scene";
+export type ProgressEvent = {
+    status: "download";
+    file: LoadedFile;
+    url: string;
+    loaded: number; /** 0 when unknown. */
+    total: number;
+    fromCache: boolean;
+} | {
+    status: "done";
+    file: LoadedFile;
+    bytes: number;
+    fromCache: boolean;
+} | {
+    status: "prepare";
+} | {
+    status: "ready";
+    backend: Backend;
+    backendReason: string;
+};
+/** What a scene file says about itself. */
+export interface SceneInfo {
+    variant: string;
+    preset: string;
+    extractor: string;
+    units: "metres" | "scene-units";
+    licence: string;
+    created: string;
+    bytes: number;
+    /** The camera that the teaching pictures came from, when recorded. */
+    camera?: Intrinsics;
+    /** Up direction in the world, when known. */
+    up?: {
+        x: number;
+        y: number;
+        z: number;
+    };
+    /** Everything in the header, as it stands there. */
+    metadata: Record<string, string>;
+}
+/** Answer of `checkSupport`. */
+export interface Support {
+    ok: boolean;
+    wasmSimd: boolean;
+    webgpu: boolean;
+    worker: boolean;
+    camera: boolean;
+    secureContext: boolean;
+    /** One sentence for everything that is missing. */
+    reasons: string[];
+}
+
+// ---- worker.d.ts
+
+export {};

@@ -25,11 +25,9 @@ pub struct Landmarks {
 }
 
 impl Landmarks {
-    /// The tracks with most observations, rounded as they would be stored.
+    /// The best tracks ([`Labels::landmarks`]), rounded as they would be stored.
     pub fn from_labels(labels: &Labels, most: usize) -> Self {
-        let mut order: Vec<usize> = (0..labels.points.len()).collect();
-        order.sort_by_key(|i| (std::cmp::Reverse(labels.points[*i].observations.len()), *i));
-        order.truncate(most);
+        let order = labels.landmarks(most);
         let d = labels.descriptor_len;
         let mut middle = Vector3::zeros();
         for i in &order {
@@ -110,12 +108,12 @@ impl Landmarks {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::labels::{Observation, PointTrack};
+    use crate::labels::{LabelledImage, Observation, PointTrack};
     use landline::features::Keypoint;
-    use landline::geometry::Pixel;
+    use landline::geometry::{CamFromWorld, Camera, Pixel};
 
     #[test]
-    fn keeps_the_longest_tracks_and_refuses_unclear_matches() {
+    fn keeps_the_best_tracks_and_refuses_unclear_matches() {
         let track = |x: f64, descriptor: Vec<f32>, n: u32| PointTrack {
             point_in_world: Vector3::new(x, 0.0, 2.0),
             observations: (0..n)
@@ -130,6 +128,21 @@ mod tests {
                 track(0.0, vec![1.0, 0.0, 0.0], 3),
                 track(1.0, vec![0.0, 1.0, 0.0], 9),
                 track(2.0, vec![0.0, 0.6, 0.8], 5),
+            ],
+            images: vec![
+                LabelledImage {
+                    name: String::new(),
+                    camera: Camera::centered(4, 4, 4.0),
+                    cam_from_world: CamFromWorld::identity(),
+                    pixels: Vec::new(),
+                    scores: Vec::new(),
+                    descriptors_nd: Vec::new(),
+                    point_targets: Vec::new(),
+                    segments: Vec::new(),
+                    segment_descriptors_nsd: Vec::new(),
+                    segment_targets: Vec::new(),
+                };
+                9
             ],
             ..Labels::default()
         };

@@ -13,8 +13,8 @@ pub fn table(evaluation: &Evaluation) -> String {
     let mut out = String::new();
     let _ = writeln!(
         out,
-        "{:26} {:>9} {:>8} {:>8} {:>7} {:>7} {:>7} {:>9} {:>7} {:>6}",
-        "method", "located", "cm", "deg", "2/2", "5/5", "10/10", "inliers", "points", "lines"
+        "{:26} {:>9} {:>8} {:>8} {:>7} {:>7} {:>7} {:>8} {:>7}",
+        "method", "located", "cm", "deg", "2/2", "5/5", "10/10", "points", "lines"
     );
     for (name, s) in &evaluation.methods {
         let recall = |cm: f64| {
@@ -33,14 +33,13 @@ pub fn table(evaluation: &Evaluation) -> String {
         };
         let _ = writeln!(
             out,
-            "{name:26} {:>9} {:>8.2} {:>8.3} {:>7} {:>7} {:>7} {:>9} {:>7} {:>6}",
+            "{name:26} {:>9} {:>8.2} {:>8.3} {:>7} {:>7} {:>7} {:>8} {:>7}",
             format!("{}/{}", s.num_located, s.num_images),
             100.0 * s.median_position,
             s.median_rotation_deg,
             recall(2.0),
             recall(5.0),
             recall(10.0),
-            "",
             count(s.median_point_inliers),
             count(s.median_line_inliers),
         );

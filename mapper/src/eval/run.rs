@@ -70,7 +70,7 @@ pub struct ImageResult {
     pub methods: Vec<MethodResult>,
     /// The pose that the scene gave.
     pub cam_from_world: Option<CamFromWorld>,
-    /// Of each predicted point of a labelled keypoint: distance to its target. Only when targets were given.
+    /// Of the relocalizer, without reading the picture.
     pub total_ms: f64,
     /// Grey and resize, features, lines, networks, solver.
     pub stages_ms: [f64; 5],
@@ -315,4 +315,24 @@ pub fn line_share(
         })
         .count();
     good as f64 / predicted_and_true.len().max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_compared_as_infinite_ones() {
+        let x = |x: f64, y: f64| Vector3::new(x, y, 0.0);
+        let truth = [x(0.0, 0.0), x(1.0, 0.0)];
+        // Shifted along itself and reversed: the same line. 6 cm beside it, or turned by 5 degrees: not.
+        let pairs = [
+            ([x(3.0, 0.01), x(2.0, 0.01)], truth),
+            ([x(0.0, 0.06), x(1.0, 0.06)], truth),
+            ([x(0.0, 0.0), x(0.4, 0.035)], truth),
+            ([x(0.0, 0.0), x(0.0, 0.0)], truth),
+        ];
+        assert_eq!(line_share(&pairs, 0.05, 3.0), 0.25);
+        assert_eq!(line_share(&[], 0.05, 3.0), 0.0);
+    }
 }

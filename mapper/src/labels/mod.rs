@@ -6,6 +6,7 @@
 
 mod build;
 mod file;
+mod select;
 
 pub use build::{LabelError, LabelParams, LabelStats, build};
 pub use file::LabelFileError;

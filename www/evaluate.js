@@ -124,9 +124,9 @@ export function drawPlot(canvas, rows) {
     context.fillText(`${5 * i} cm · ${(2.5 * i).toFixed(1)}°`, pad.left + (w * i) / 4 - (i === 4 ? 78 : 36), height - 12);
   }
   context.fillStyle = "#ffb057";
-  context.fillText("position (solid)", pad.left + 8, pad.top + 12);
+  context.fillText("position (solid)", pad.left + w - 210, pad.top + h - 12);
   context.fillStyle = "#62b6ff";
-  context.fillText("rotation (dashed)", pad.left + 104, pad.top + 12);
+  context.fillText("rotation (dashed)", pad.left + w - 112, pad.top + h - 12);
 }
 
 export function toCsv(rows) {

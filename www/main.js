@@ -442,6 +442,8 @@ function showStrip() {
         image.loading = "lazy";
         image.decoding = "async";
         button.append(image);
+      } else {
+        button.textContent = String(i + 1);
       }
       button.addEventListener("click", () => go(i));
       return button;
@@ -528,6 +530,9 @@ async function evaluateFolder({ pictures, poseFile, numTruth, skippedLines }) {
   if (run === state.run) {
     showSummary(state.rows, state.metric);
     status("good", "Evaluated", `${state.rows.length} pictures.`);
+    state.playing = false;
+    showPlaying();
+    $("previous").disabled = $("next").disabled = false;
     $("evaluation").dataset.done = "true";
   }
 }

@@ -111,11 +111,14 @@ async function loadScene(scene, name, isSample) {
   }
 }
 
+/** Drivers go on at length; the whole text is in the badge's tooltip. */
+const firstClause = (reason) => (reason ? sentence(reason.split(";")[0]) : "");
+
 function showBackend() {
   const { backend, backendReason } = state.relocalizer;
   $("backend").textContent = backend === "webgpu" ? "WebGPU" : "CPU";
   $("backend").title = backendReason;
-  $("device-note").textContent = backendReason ? sentence(backendReason) : "";
+  $("device-note").textContent = firstClause(backendReason);
 }
 
 // Sources ------------------------------------------------------------------------------------------------------------
@@ -391,7 +394,7 @@ function showBackendOf(result) {
   if ($("backend").textContent !== text) $("backend").textContent = text;
   if (result.backendReason !== $("backend").title) {
     $("backend").title = result.backendReason;
-    $("device-note").textContent = result.backendReason ? sentence(result.backendReason) : "";
+    $("device-note").textContent = firstClause(result.backendReason);
   }
 }
 

@@ -26,6 +26,8 @@ export class MapView {
   #pathLine;
   #truth = new THREE.Group();
   #mapVersion = -1;
+  /** Ends of the map's lines, x y z after x y z. */
+  #ends = new Float32Array(0);
   #asked = false;
   #observer;
   /** Until the user takes hold of the view it is framed anew as the map grows. */
@@ -177,6 +179,7 @@ export class MapView {
       lines.set(line, at);
       at += 6;
     }
+    this.#ends = lines;
     this.#lines.geometry.dispose();
     this.#lines.geometry = new LineSegmentsGeometry();
     if (lines.length > 0) this.#lines.geometry.setPositions(lines);
@@ -228,6 +231,7 @@ export class MapView {
     };
     const points = this.#points.geometry.getAttribute("position");
     if (points) take(points.array);
+    take(this.#ends);
     for (const p of this.#path) take(p);
     const box = new THREE.Box3();
     if (axes[0].length === 0) return box;

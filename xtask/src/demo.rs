@@ -1,7 +1,7 @@
 //! `cargo xtask demo`: from a fresh checkout to poses on the terminal and a working page. `cargo xtask sample`: makes
 //! the demo's sample scene anew.
 
-use crate::{paths, serve, setup, shell, web};
+use crate::{paths, serve, setup, shell, tiers, web};
 use anyhow::{Result, bail};
 use std::path::PathBuf;
 
@@ -61,6 +61,13 @@ pub(crate) fn sample(args: &SampleArgs) -> Result<()> {
 /// When it does not build.
 pub(crate) fn native_tool() -> Result<PathBuf> {
     setup::native_tools()?;
+    let tool = paths::target()
+        .join("debug")
+        .join(format!("landline{}", std::env::consts::EXE_SUFFIX));
+    // The native tests build it too, with training; building it again without would only cost time.
+    if tiers::native::has_run() && tool.is_file() {
+        return Ok(tool);
+    }
     println!("native  cargo builds landline (without training)");
     shell::run(shell::cargo().args([
         "build",
@@ -69,9 +76,6 @@ pub(crate) fn native_tool() -> Result<PathBuf> {
         "landline-mapper",
         "--no-default-features",
     ]))?;
-    let tool = paths::target()
-        .join("debug")
-        .join(format!("landline{}", std::env::consts::EXE_SUFFIX));
     if !tool.is_file() {
         bail!("cargo left no {}", tool.display());
     }

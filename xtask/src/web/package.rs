@@ -65,9 +65,8 @@ fn convert_weights(weights: &Weights, to: &Path) -> Result<()> {
     let tool = crate::demo::native_tool()?;
     let mut convert = shell::command(tool);
     convert
-        .arg("convert")
+        .args(["convert", "--extractor", "xfeat"])
         .arg(&weights.checkpoint)
-        .arg("--out")
         .arg(to)
         .args(["--precision", "f16", "--licence", "Apache-2.0", "--source"])
         .arg(&weights.source);

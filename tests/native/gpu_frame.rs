@@ -280,3 +280,59 @@ fn xfeat_agrees_when_nothing_is_left_out() {
 fn superpoint_selects_the_same_keypoints() {
     check(ExtractorKind::SuperPointOpen, 96, 72, 0.0, 60);
 }
+
+/// What a frame asks of a device, for every scene preset: numbers that stand in docs/benchmarks/gpu.md too.
+#[test]
+fn a_frame_costs_what_the_table_says() {
+    use landline::models::{Preset, RegressorConfig};
+    use landline::regress::network_parts;
+    let gpu = match pollster::block_on(GpuDevice::request(AdapterChoice::Any)) {
+        Ok(gpu) => gpu,
+        Err(error) => return skip_without_gpu(&error.to_string()),
+    };
+    let table = include_str!("../../docs/benchmarks/gpu.md");
+    let mut rng = Rng::from_seed(1);
+    let kind = ExtractorKind::Xfeat;
+    let weights = random_weights(&kind.tensors(), &mut rng);
+    let mut options = ExtractorOptions {
+        max_segments: 300,
+        ..ExtractorOptions::new(kind)
+    };
+    options.keypoints.max_keypoints = 1024;
+    let mut missing = Vec::new();
+    for preset in [Preset::Compact, Preset::Standard, Preset::Paper] {
+        let config = RegressorConfig::preset(preset, 64);
+        let made = network_parts(
+            &config,
+            random_weights(&config.tensors(), &mut rng),
+            1024,
+            300,
+        )
+        .expect("prepares");
+        let branches = made
+            .into_iter()
+            .map(|(graph, weights)| GpuPart { graph, weights })
+            .collect();
+        let parts = frame_parts(kind, &weights, &options, (640, 480), branches).expect("fits");
+        let frame = GpuFrame::new(&gpu, &mut Pipelines::new(&gpu), parts).expect("loads");
+        let cost = frame.cost();
+        let row = format!(
+            "| {} | {} | {:.0} | {:.2} | {:.1} | {:.1} | {:.1} |",
+            preset.name(),
+            cost.dispatches,
+            cost.bytes_moved as f64 / 1e6,
+            2.0 * cost.macs as f64 / 1e9,
+            cost.arena_bytes as f64 / 1e6,
+            cost.weight_bytes as f64 / 1e6,
+            frame.readback_bytes() as f64 / 1e3,
+        );
+        if !table.contains(&row) {
+            missing.push(row);
+        }
+    }
+    assert!(
+        missing.is_empty(),
+        "docs/benchmarks/gpu.md lacks\n{}",
+        missing.join("\n")
+    );
+}

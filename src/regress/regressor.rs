@@ -44,11 +44,10 @@ pub enum RegressError {
 }
 
 #[derive(Debug)]
-#[expect(clippy::large_enum_variant, reason = "there is one for each scene")]
 enum Networks {
     Branches {
         point: CpuExecutor,
-        line: Option<CpuExecutor>,
+        line: Option<Box<CpuExecutor>>,
     },
     V1 {
         config: V1Config,
@@ -118,7 +117,7 @@ impl Regressor {
         let networks = match config {
             RegressorConfig::Branches { .. } => Networks::Branches {
                 point: first,
-                line: next()?,
+                line: next()?.map(Box::new),
             },
             RegressorConfig::V1(v1) => Networks::V1 {
                 config: v1.clone(),

@@ -12,6 +12,7 @@
 //! [safetensors]: https://huggingface.co/docs/safetensors
 
 #![forbid(unsafe_code)]
+#![deny(clippy::as_conversions)]
 
 mod error;
 mod extractor_file;

@@ -203,6 +203,10 @@ pub(super) trait Lanes: Copy {
     /// `2^self`, relative error about 2e-7, for numbers up to 126; below -60 the result of -60 (9e-19), so that products with
     /// it are not denormal, which would be slow.
     #[inline(always)]
+    #[expect(
+        clippy::approx_constant,
+        reason = "a fitted coefficient that comes close to ln 2, not ln 2"
+    )]
     fn exp2_of_score(self) -> Self {
         let x = self.max(Self::splat(-60.0));
         let rounded = x.add(Self::splat(ROUNDER));

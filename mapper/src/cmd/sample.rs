@@ -81,7 +81,7 @@ pub fn run(args: Args) -> Result<()> {
     )?;
     print!("{stats}");
     println!("{}", make_exact(&room, &mut labels));
-    let device = burn::tensor::Device::flex();
+    let device = crate::train::cpu_device();
     let run_folder = args.training.run_folder(&args.work.join("sample.landline"));
     let options = args.training.options();
     let trained = training::train(

@@ -144,7 +144,7 @@ pub fn train_and_write(
     out: &Path,
 ) -> Result<()> {
     let folder = training.run_folder(out);
-    let device = burn::tensor::Device::flex();
+    let device = crate::train::cpu_device();
     let options = training.options();
     let trained = run::train(labels, &options, &folder, training.resume, &device)
         .with_context(|| format!("training {}", out.display()))?;

@@ -20,3 +20,8 @@ pub mod recipe;
 pub mod run;
 pub mod schedule;
 pub mod session;
+
+/// The CPU as burn's device. Commands pass it on without knowing burn.
+pub fn cpu_device() -> burn::tensor::Device {
+    burn::tensor::Device::flex()
+}

@@ -136,8 +136,10 @@ test("rests while its tab is hidden", { skip }, async (t) => {
       return count;
     });
   await hide(true);
-  await page.waitForTimeout(1500);
-  assert.equal(await frames(), 0);
+  // The frame that is under way may still answer, on a slow machine after a while; a page that does not rest goes on.
+  let count = await frames();
+  for (let tries = 0; count > 0 && tries < 5; tries++) count = await frames();
+  assert.equal(count, 0);
   await hide(false);
   assert.ok((await frames()) > 0);
 });

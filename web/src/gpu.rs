@@ -60,7 +60,18 @@ fn timer() -> Timer {
     })
 }
 
-/// Moves the networks of a relocalizer to the GPU if it was asked for and is there. The text says why not.
+/// Why the GPU is out of the question, if that is already plain.
+pub(crate) fn ruled_out(device: Device) -> Option<String> {
+    if device == Device::Cpu {
+        Some("the CPU was asked for".to_owned())
+    } else if browser_has_webgpu() {
+        None
+    } else {
+        Some("this browser has no WebGPU".to_owned())
+    }
+}
+
+/// Moves the networks of a relocalizer to the GPU if it is there. The text says why not.
 pub(crate) async fn choose(
     core: &mut Relocalizer,
     device: Device,
@@ -69,13 +80,10 @@ pub(crate) async fn choose(
     change: impl FnOnce(&mut RelocalizerOptions),
 ) -> Option<String> {
     let choice = match device {
-        Device::Cpu => return Some("the CPU was asked for".to_owned()),
+        Device::Cpu => return ruled_out(device),
         Device::Auto => AdapterChoice::Hardware,
         Device::WebGpu => AdapterChoice::Any,
     };
-    if !browser_has_webgpu() {
-        return Some("this browser has no WebGPU".to_owned());
-    }
     let networks = async {
         let gpu = GpuDevice::request(choice).await?;
         Ok::<_, GpuError>(GpuNetworks::new(gpu, scene, extractor, change, Some(timer())).await?)

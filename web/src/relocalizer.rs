@@ -115,14 +115,27 @@ impl RawRelocalizer {
             let message = format!("device {device:?} is unknown; it must be auto, webgpu or cpu");
             js_error(Code::BadInput, &message)
         })?;
-        let scene =
+        // wasm memory never shrinks, so what is alive at once decides how much the page keeps: the bytes go as soon as
+        // they are read, and the weights are copied only for a device.
+        let scene_file =
             SceneFile::from_bytes(&scene).map_err(|e| from_create(&CreateError::Scene(e)))?;
-        let extractor = ExtractorFile::from_bytes(&extractor)
+        drop(scene);
+        let extractor_file = ExtractorFile::from_bytes(&extractor)
             .map_err(|e| from_create(&CreateError::Extractor(e)))?;
+        drop(extractor);
         let change = |o: &mut RelocalizerOptions| options.apply(o);
-        let mut core = Relocalizer::new(scene.clone(), extractor.clone(), change)
-            .map_err(|e| from_create(&e))?;
-        let backend_reason = gpu::choose(&mut core, device, &scene, &extractor, change).await;
+        let ruled_out = gpu::ruled_out(device);
+        let for_device = ruled_out
+            .is_none()
+            .then(|| (scene_file.clone(), extractor_file.clone()));
+        let mut core =
+            Relocalizer::new(scene_file, extractor_file, change).map_err(|e| from_create(&e))?;
+        let backend_reason = match for_device {
+            Some((scene, extractor)) => {
+                gpu::choose(&mut core, device, &scene, &extractor, change).await
+            }
+            None => ruled_out,
+        };
         Ok(Self {
             core,
             info,

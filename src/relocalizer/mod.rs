@@ -51,8 +51,8 @@ const MIN_FEATURES: usize = 8;
 /// Fewer things that agree are not believed, whatever the evidence says: repeated predictions (a network that was taught
 /// another place) are not independent of each other, and the solver's evidence takes them to be.
 const MIN_INLIERS: u32 = 12;
-/// And no fewer than one in so many of what the solver was given. A scene of another room finds chance poses with a median
-/// of 18 of 450 (one in 25); in its own room the median is above 300 of 450.
+/// And no fewer than one in so many of what the solver was given: the scene of another room finds chance poses with up to
+/// 30 of 900, while in its own room a third of them agree.
 const MIN_INLIER_SHARE: u32 = 12;
 /// A focal length known worse than this makes tracking limited.
 const MAX_TRACKED_SIGMA_LN: f64 = 0.05;

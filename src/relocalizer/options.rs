@@ -42,8 +42,10 @@ impl RelocalizerOptions {
             lsd: LsdParams::default(),
             min_segment_px: 20.0,
             max_segments: 300,
-            max_points: 300,
-            max_lines: 150,
+            // On RedKitchen 800-899 this locates all pictures within 5 cm and 5 degrees where 300 and 150 leave one out;
+            // the solver takes 25 instead of 14 ms.
+            max_points: 600,
+            max_lines: 300,
             // Hopeless frames use up all iterations: with 100,000 they would cost seconds. Good ones stop after hundreds.
             pose: PoseOptions {
                 max_iterations: 10_000,

@@ -12,8 +12,13 @@ import { installed, root, run, site } from "./support.mjs";
 const native = process.env.LANDLINE_NATIVE ?? join(root, "target/debug/landline");
 const skip = !haveSample() ? "the sample scene is not there: run `cargo xtask sample`" : !existsSync(native) ? "the native tool is not built: run `cargo xtask demo --no-serve`" : false;
 
-/** Poses agree to this, in metres and radians (entries of a rotation). */
+/** Poses of the one wasm binary agree to this under Node and in Chromium, in metres and radians (entries of a rotation). */
 const tolerance = 1e-6;
+/**
+ * The native networks sum their f32 products in another order than wasm does, and everything after them starts from
+ * those numbers; on the sample the poses then differ by 1.9e-5 at most.
+ */
+const nativeTolerance = 1e-4;
 
 const median = (values) => {
   const sorted = [...values].sort((a, b) => a - b);
@@ -78,6 +83,7 @@ test("native, Node and Chromium agree on the sample pictures", { skip, timeout: 
   const natively = JSON.parse(result.stdout);
 
   let worst = 0;
+  let worstNative = 0;
   const errors = { native: [], node: [], chromium: [] };
   natively.forEach((row, i) => {
     const poses = { native: row.cam_from_world, node: underNode[i], chromium: inBrowser[i].pose };
@@ -85,10 +91,15 @@ test("native, Node and Chromium agree on the sample pictures", { skip, timeout: 
     for (const [where, pose] of Object.entries(poses)) {
       errors[where].push(pose ? Math.hypot(...center(pose).map((v, k) => v - truth[k])) : Infinity);
       assert.equal(pose === null, poses.native === null, `${row.name}: located in one place and not in another`);
-      if (pose) pose.forEach((v, k) => (worst = Math.max(worst, Math.abs(v - poses.native[k]))));
+      if (pose) pose.forEach((v, k) => (worstNative = Math.max(worstNative, Math.abs(v - poses.native[k]))));
+    }
+    assert.equal(poses.node === null, poses.chromium === null, `${row.name}: located under Node or in Chromium only`);
+    if (poses.node) {
+      poses.node.forEach((v, k) => (worst = Math.max(worst, Math.abs(v - poses.chromium[k]))));
     }
   });
   for (const [where, values] of Object.entries(errors)) t.diagnostic(`${where}: median error ${(1000 * median(values)).toFixed(3)} mm over ${values.length} pictures`);
-  t.diagnostic(`largest difference between two poses' entries: ${worst.toExponential(2)}`);
-  assert.ok(worst <= tolerance, `poses differ by ${worst}`);
+  t.diagnostic(`largest difference between two poses' entries: ${worst.toExponential(2)} (Node, Chromium), ${worstNative.toExponential(2)} (wasm, native)`);
+  assert.ok(worst <= tolerance, `poses under Node and in Chromium differ by ${worst}`);
+  assert.ok(worstNative <= nativeTolerance, `poses of wasm and native differ by ${worstNative}`);
 });

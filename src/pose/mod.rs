@@ -25,7 +25,7 @@ pub mod solvers;
 mod types;
 mod verdict;
 
-pub use options::{Focal, Gravity, PoseOptions, PriorPose};
+pub use options::{Focal, Gravity, PoseOptions, PriorPose, WorldNoise};
 pub use types::{
     Degeneracy, LineCorrespondence, PointCorrespondence, PoseError, PoseEstimate, PoseOutcome,
     PoseStats, PoseStatus, RunnerUp, SolverStats, StopReason,

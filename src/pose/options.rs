@@ -39,6 +39,16 @@ pub enum Focal {
     Unknown,
 }
 
+/// Where the noise of the world coordinates comes from in the final refinement.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WorldNoise {
+    /// From the residuals: right for regressed coordinates, whose errors are continuous and often wider than the thresholds.
+    Estimated,
+    /// From the thresholds: right for matched landmarks, whose outliers are often near misses (the next stair, the next
+    /// window) that an estimated noise would take for inliers.
+    FromThresholds,
+}
+
 /// Options of [`super::estimate`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseOptions {
@@ -63,6 +73,8 @@ pub struct PoseOptions {
     pub seed: u64,
     /// What is known about the focal length.
     pub focal: Focal,
+    /// Where the noise of the world coordinates comes from.
+    pub world_noise: WorldNoise,
     /// Direction of gravity, if known.
     pub gravity: Option<Gravity>,
     /// Pose to start from, if one is known.
@@ -82,6 +94,7 @@ impl Default for PoseOptions {
             time_budget_ms: None,
             seed: 0,
             focal: Focal::Known,
+            world_noise: WorldNoise::Estimated,
             gravity: None,
             prior: None,
         }

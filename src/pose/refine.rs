@@ -33,6 +33,8 @@ pub(super) struct Noise {
     /// Added to the prior logits of points and lines: the network's overall optimism.
     pub(super) point_offset: f64,
     pub(super) line_offset: f64,
+    /// Squared number of standard deviations beyond which a correspondence takes no part.
+    pub(super) gate_sq: f64,
     /// Factor on all standard deviations, for annealing.
     pub(super) inflation: f64,
 }
@@ -170,6 +172,15 @@ pub(super) struct Refiner {
     values: Vec<f64>,
 }
 
+/// Where the noise of the full refinement comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Scale {
+    /// The residuals.
+    Estimated,
+    /// The thresholds.
+    Ranking,
+}
+
 /// Which of the two lists a correspondence is in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
@@ -285,12 +296,16 @@ impl Refiner {
     }
 
     /// Full refinement: anneals, re-estimates the noise between rounds, ends at a stationary point of the full loss.
+    ///
+    /// With `Scale::Ranking` the noise is not estimated: it is that of the ranking score, so the refinement stays with the
+    /// consensus that the thresholds define.
     pub(super) fn full(
         &mut self,
         problem: &Problem,
         start: &Model,
         sigma_px: f64,
         soft: &Soft,
+        scale: Scale,
         rounds: usize,
     ) -> Refined {
         let mut model = *start;
@@ -299,15 +314,24 @@ impl Refiner {
             world_sigma: 0.0,
             point_offset: 0.0,
             line_offset: 0.0,
+            gate_sq: 2500.0,
             inflation: 1.6,
         };
-        noise.world_sigma = self.initial_world_sigma(problem, &model, &noise);
+        let is_estimated = scale == Scale::Estimated;
+        if is_estimated {
+            noise.world_sigma = self.initial_world_sigma(problem, &model, &noise);
+        } else {
+            noise.sigma_px = self.quick_variance.0.min(self.quick_variance.1).sqrt();
+            noise.gate_sq = 12.0;
+        }
         let mut normal = Normal::new();
         for round in 0..rounds {
             let is_last = round + 1 == rounds;
             if round > 0 {
                 noise.inflation = 1.0;
-                self.update_noise(problem, &model, &mut noise);
+                if is_estimated {
+                    self.update_noise(problem, &model, &mut noise);
+                }
             }
             self.freeze(problem, &model, &noise);
             let steps = if is_last { 20 } else { 5 };
@@ -474,7 +498,7 @@ impl Refiner {
         self.points.extend(problem.points.iter().map(|item| {
             residuals::point(fx, fy, model, item).map_or(none, |(res, ..)| {
                 let v = variance(item.sigma, res.inverse_depth_sq());
-                if res.squared() > 2500.0 * v {
+                if res.squared() > noise.gate_sq * v {
                     return none;
                 }
                 Frozen {
@@ -487,7 +511,7 @@ impl Refiner {
         self.lines.extend(problem.lines.iter().map(|item| {
             residuals::line(fx, fy, model, item).map_or(none, |(res, state)| {
                 let v = variance(item.sigma, res.inverse_depth_sq());
-                if res.squared() > 2500.0 * v
+                if res.squared() > noise.gate_sq * v
                     || !residuals::overlaps(fx, fy, item, &state, model.focal)
                 {
                     return none;

@@ -170,7 +170,7 @@ pub struct PoseEstimate {
 pub struct RunnerUp {
     /// The pose.
     pub cam_from_world: CamFromWorld,
-    /// Its score divided by the best one's.
+    /// Evidence within the thresholds, divided by that of the returned pose.
     pub score_ratio: f64,
 }
 

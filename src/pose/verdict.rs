@@ -1,10 +1,10 @@
 //! The whole estimate: search, final refinement of the best distinct models, and the judgement of what came out.
 
 use super::covariance::{self, Uncertainty};
-use super::options::{Focal, PoseOptions};
+use super::options::{Focal, PoseOptions, WorldNoise};
 use super::problem::{Model, Problem};
-use super::ransac::{Kept, NUM_KEPT, Search};
-use super::refine::{Kind, Refined, Soft};
+use super::ransac::{NUM_KEPT, Search};
+use super::refine::{Kind, Refined, Scale, Soft};
 use super::residuals;
 use super::types::{
     LineCorrespondence, PointCorrespondence, PoseError, PoseEstimate, PoseOutcome, PoseStats,
@@ -18,6 +18,14 @@ const REFINE_ROUNDS: usize = 4;
 
 /// Kept models whose ranking falls below this share of the best are not worth a final refinement.
 const FINALIST_SHARE: f32 = 0.5;
+
+/// A refinement with estimated noise that keeps less than this share of the ranking score has left the consensus.
+const CONSENSUS_SHARE: f32 = 0.25;
+
+/// A finalist with less than this share of the consensus of the best one does not win by its likelihood, and one with less than
+/// this share of the largest likelihood does not set that consensus.
+const CONTENDER_SHARE: f32 = 0.65;
+const CREDIBLE_SHARE: f64 = 0.4;
 
 /// A runner-up with more than this share of the best model's log likelihood ratio makes the answer ambiguous.
 const AMBIGUOUS_RATIO: f64 = 0.8;
@@ -37,12 +45,19 @@ pub struct Inliers {
     pub lines: Vec<u32>,
 }
 
+/// A refined model and its ranking score.
+#[derive(Debug, Clone, Copy)]
+struct Finalist {
+    refined: Refined,
+    ranking: f32,
+}
+
 /// Buffers of the estimator, and what the last call says about each correspondence.
 #[derive(Debug, Default)]
 pub struct PoseScratch {
     problem: Problem,
     search: Search,
-    finalists: Vec<Refined>,
+    finalists: Vec<Finalist>,
     inliers: Inliers,
     point_posteriors: Vec<f32>,
     line_posteriors: Vec<f32>,
@@ -199,6 +214,10 @@ fn soft_terms(problem: &Problem, options: &PoseOptions) -> Soft {
 }
 
 /// Full refinement of the kept models that can still win; best first afterwards.
+///
+/// Where the wrong correspondences are not scattered but near misses (stairs, facades), an estimated noise grows until it
+/// explains them too, and the pose becomes a compromise. That shows as a loss of consensus within the thresholds; the noise of
+/// the thresholds is used then.
 fn refine_finalists(
     scratch: &mut PoseScratch,
     options: &PoseOptions,
@@ -208,38 +227,68 @@ fn refine_finalists(
     let problem = &scratch.problem;
     scratch.finalists.clear();
     scratch.finalists.reserve(NUM_KEPT);
-    let kept: &[Kept] = &scratch.search.kept;
-    let Some(best) = kept.first().map(|k| k.ranking.total) else {
+    let search = &mut scratch.search;
+    let Some(best) = search.kept.first().map(|k| k.ranking.total) else {
         return;
     };
-    for k in kept {
-        if k.ranking.total < FINALIST_SHARE * best
-            || (!scratch.finalists.is_empty() && out_of_time())
-        {
+    let mut scale = match options.world_noise {
+        WorldNoise::Estimated => Scale::Estimated,
+        WorldNoise::FromThresholds => Scale::Ranking,
+    };
+    let mut i = 0;
+    while let Some(k) = search.kept.get(i).copied() {
+        let is_first = scratch.finalists.is_empty();
+        if k.ranking.total < FINALIST_SHARE * best || (!is_first && out_of_time()) {
             break;
         }
-        let refined =
-            scratch
-                .search
-                .refiner
-                .full(problem, &k.model, options.sigma_px, soft, REFINE_ROUNDS);
+        let refined = search.refiner.full(
+            problem,
+            &k.model,
+            options.sigma_px,
+            soft,
+            scale,
+            REFINE_ROUNDS,
+        );
+        let ranking = search.ranker.score(problem, &refined.model).total;
+        if is_first && scale == Scale::Estimated && !(ranking > CONSENSUS_SHARE * k.ranking.total) {
+            scale = Scale::Ranking;
+            continue;
+        }
+        i += 1;
         if !refined.model.is_finite() || !refined.log_ratio.is_finite() {
             continue;
         }
+        let finalist = Finalist { refined, ranking };
         // Two starts may end in the same optimum.
         let same = scratch
             .finalists
             .iter()
-            .position(|f| !f.model.is_distinct_from(&refined.model));
+            .position(|f| !f.refined.model.is_distinct_from(&refined.model));
         match same {
-            Some(i) if scratch.finalists[i].log_ratio >= refined.log_ratio => {}
-            Some(i) => scratch.finalists[i] = refined,
-            None => scratch.finalists.push(refined),
+            Some(i) if scratch.finalists[i].refined.log_ratio >= refined.log_ratio => {}
+            Some(i) => scratch.finalists[i] = finalist,
+            None => scratch.finalists.push(finalist),
         }
     }
-    scratch
+    // A wide noise makes near misses inliers: what lost the consensus cannot win by its likelihood, as long as the
+    // consensus has some likelihood itself.
+    let most_likely = scratch
         .finalists
-        .sort_unstable_by(|a, b| b.log_ratio.total_cmp(&a.log_ratio));
+        .iter()
+        .map(|f| f.refined.log_ratio)
+        .fold(0.0, f64::max);
+    let consensus = scratch
+        .finalists
+        .iter()
+        .filter(|f| f.refined.log_ratio >= CREDIBLE_SHARE * most_likely)
+        .map(|f| f.ranking)
+        .fold(0.0, f32::max);
+    let is_contender = |f: &Finalist| f.ranking >= CONTENDER_SHARE * consensus;
+    scratch.finalists.sort_unstable_by(|a, b| {
+        is_contender(b)
+            .cmp(&is_contender(a))
+            .then(b.refined.log_ratio.total_cmp(&a.refined.log_ratio))
+    });
 }
 
 /// Reports at the returned pose, then the status.
@@ -248,10 +297,11 @@ fn judge(
     options: &PoseOptions,
     camera: &Camera,
     has_focal: bool,
-    best: &Refined,
+    finalist: &Finalist,
     outcome: &mut PoseOutcome,
 ) {
     let problem = &scratch.problem;
+    let best = &finalist.refined;
     let limits = (options.max_point_error_px, options.max_line_error_px);
     report_errors(
         problem,
@@ -284,10 +334,15 @@ fn judge(
     let mean_weight = if found > 0.0 { weight_sum / found } else { 0.0 };
     let tried = f64::from(outcome.stats.models_scored.max(1));
     let log_evidence = best.log_ratio - sample_size * mean_weight.max(0.0) - ln(tried);
-    let runner_up = scratch.finalists.get(1).map(|second| RunnerUp {
-        cam_from_world: problem.pose_from_model(&second.model),
-        score_ratio: second.log_ratio / best.log_ratio,
-    });
+    let runner_up = scratch
+        .finalists
+        .iter()
+        .skip(1)
+        .max_by(|a, b| a.ranking.total_cmp(&b.ranking))
+        .map(|second| RunnerUp {
+            cam_from_world: problem.pose_from_model(&second.refined.model),
+            score_ratio: f64::from(second.ranking / finalist.ranking.max(f32::MIN_POSITIVE)),
+        });
     let focal_camera = if has_focal {
         camera.with_focal_scaled(best.model.focal)
     } else {

@@ -7,8 +7,10 @@ mod nn_cases;
 pub mod nn_fuzz;
 mod parallel;
 pub mod portable;
+mod pose_scene;
 pub mod room;
 
 pub use data::{shared_data, skip, skip_without_gpu};
 pub use lsd::check_lsd_fingerprints;
 pub use nn_cases::{NnCase, nn_cases};
+pub use pose_scene::{PoseScene, PoseSceneParams, pose_scene};

@@ -12,4 +12,5 @@ mod lsd_golden;
 mod lsd_properties;
 mod nn;
 mod portable;
+mod pose;
 mod tree;

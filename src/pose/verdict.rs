@@ -283,7 +283,9 @@ fn refine_finalists(
         .filter(|f| f.refined.log_ratio >= CREDIBLE_SHARE * most_likely)
         .map(|f| f.ranking)
         .fold(0.0, f32::max);
-    let is_contender = |f: &Finalist| f.ranking >= CONTENDER_SHARE * consensus;
+    // With an estimated noise that kept its consensus the likelihood decides alone.
+    let by_likelihood = scale == Scale::Estimated;
+    let is_contender = |f: &Finalist| by_likelihood || f.ranking >= CONTENDER_SHARE * consensus;
     scratch.finalists.sort_unstable_by(|a, b| {
         is_contender(b)
             .cmp(&is_contender(a))

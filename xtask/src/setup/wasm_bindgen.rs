@@ -33,26 +33,32 @@ pub(super) fn install(pins: &Toolchain) -> Result<WasmBindgen> {
         &format!("building {version} (some minutes, once per machine)"),
         || {
             let scratch = paths::cache_scratch("wasm-bindgen")?;
-            let mut install = shell::cargo();
             // Its own folder for the build, so that an interrupted one is continued.
             let build = paths::target().join("wasm-bindgen-cli");
-            install
-                .args([
-                    "install",
-                    "wasm-bindgen-cli",
-                    "--locked",
-                    "--version",
-                    version,
-                    "--no-track",
-                    "--root",
-                ])
-                .arg(&*scratch)
-                .env("CARGO_TARGET_DIR", &build)
-                .env_remove("RUSTFLAGS")
-                .env_remove("CARGO_ENCODED_RUSTFLAGS");
-            shell::run(&mut install).with_context(|| {
-            format!("could not build wasm-bindgen-cli {version}; this step needs the crates registry once")
-        })?;
+            let install = |locked: bool| {
+                let mut install = shell::cargo();
+                install
+                    .args(["install", "wasm-bindgen-cli", "--version", version])
+                    .args(locked.then_some("--locked"))
+                    .args(["--no-track", "--root"])
+                    .arg(&*scratch)
+                    .env("CARGO_TARGET_DIR", &build)
+                    .env_remove("RUSTFLAGS")
+                    .env_remove("CARGO_ENCODED_RUSTFLAGS");
+                shell::run(&mut install)
+            };
+            // The published lock file may name a dependency that a mirror of the registry does not carry (yet). The
+            // tools themselves stay at the pinned version either way.
+            if let Err(error) = install(true) {
+                println!(
+                    "        {error:#}; trying again with the dependencies that the registry offers"
+                );
+                install(false).with_context(|| {
+                    format!(
+                        "could not build wasm-bindgen-cli {version}; this step needs the crates registry once"
+                    )
+                })?;
+            }
             paths::publish(&scratch, &dir)?;
             // Large, and of no further use; what cannot be removed does no harm.
             drop(std::fs::remove_dir_all(&build));

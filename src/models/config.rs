@@ -78,118 +78,75 @@ pub enum LineBranchConfig {
     Anchored(AnchoredLineConfig),
 }
 
-impl PointBranchConfig {
-    /// Descriptor size that goes in.
-    pub fn descriptor_channels(&self) -> usize {
-        match self {
-            Self::Attention(c) => c.descriptor_channels,
-            Self::Anchored(c) => c.descriptor_channels,
-        }
-    }
+/// What both kinds of branch do, whatever is inside.
+macro_rules! branch {
+    ($type:ident: at most $element:literal) => {
+        impl $type {
+            /// Descriptor size that goes in.
+            pub fn descriptor_channels(&self) -> usize {
+                match self {
+                    Self::Attention(c) => c.descriptor_channels,
+                    Self::Anchored(c) => c.descriptor_channels,
+                }
+            }
 
-    /// Checks the ranges of all sizes.
-    ///
-    /// # Errors
-    /// [`ModelError::Size`], [`ModelError::Number`], [`ModelError::Mismatch`].
-    pub fn validate(&self) -> Result<(), ModelError> {
-        match self {
-            Self::Attention(c) => c.validate(),
-            Self::Anchored(c) => c.validate(),
-        }
-    }
+            /// Checks the ranges of all sizes.
+            ///
+            /// # Errors
+            /// [`ModelError::Size`], [`ModelError::Number`], [`ModelError::Mismatch`].
+            pub fn validate(&self) -> Result<(), ModelError> {
+                match self {
+                    Self::Attention(c) => c.validate(),
+                    Self::Anchored(c) => c.validate(),
+                }
+            }
 
-    /// Names and shapes of the trained tensors, as files and the trainer have them.
-    pub fn tensors(&self) -> Vec<TensorSpec> {
-        match self {
-            Self::Attention(c) => c.tensors(),
-            Self::Anchored(c) => c.tensors(),
-        }
-    }
+            /// Names and shapes of the trained tensors, as files and the trainer have them.
+            pub fn tensors(&self) -> Vec<TensorSpec> {
+                match self {
+                    Self::Attention(c) => c.tensors(),
+                    Self::Anchored(c) => c.tensors(),
+                }
+            }
 
-    /// The graph for at most `capacity` keypoints. Ports are in [`super::ports`].
-    ///
-    /// # Errors
-    /// [`ModelError`] when the configuration or the capacity is out of range.
-    pub fn graph(&self, capacity: usize) -> Result<Graph, ModelError> {
-        self.validate()?;
-        check_size("capacity", capacity, 1, MAX_ROWS)?;
-        match self {
-            Self::Attention(c) => c.graph(capacity),
-            Self::Anchored(c) => c.graph(capacity),
-        }
-    }
+            #[doc = concat!("The graph for at most `capacity` ", $element, ". Ports are in [`super::ports`].")]
+            ///
+            /// # Errors
+            /// [`ModelError`] when the configuration or the capacity is out of range.
+            pub fn graph(&self, capacity: usize) -> Result<Graph, ModelError> {
+                self.validate()?;
+                check_size("capacity", capacity, 1, MAX_ROWS)?;
+                match self {
+                    Self::Attention(c) => c.graph(capacity),
+                    Self::Anchored(c) => c.graph(capacity),
+                }
+            }
 
-    /// Turns the tensors of [`Self::tensors`] into the weights of [`Self::graph`]. Tensors of other branches are left alone.
-    ///
-    /// # Errors
-    /// [`ModelError::Nn`] for a missing or misshapen tensor.
-    pub fn prepare(&self, weights: &mut Weights) -> Result<Weights, ModelError> {
-        self.validate()?;
-        match self {
-            Self::Attention(c) => c.prepare(weights),
-            Self::Anchored(c) => c.prepare(weights),
+            /// Turns the tensors of [`Self::tensors`] into the weights of [`Self::graph`]. Tensors of other branches are
+            /// left alone.
+            ///
+            /// # Errors
+            /// [`ModelError::Nn`] for a missing or misshapen tensor.
+            pub fn prepare(&self, weights: &mut Weights) -> Result<Weights, ModelError> {
+                self.validate()?;
+                match self {
+                    Self::Attention(c) => c.prepare(weights),
+                    Self::Anchored(c) => c.prepare(weights),
+                }
+            }
         }
-    }
+    };
 }
 
-impl LineBranchConfig {
-    /// Descriptor size that goes in.
-    pub fn descriptor_channels(&self) -> usize {
-        match self {
-            Self::Attention(c) => c.descriptor_channels,
-            Self::Anchored(c) => c.descriptor_channels,
-        }
-    }
+branch!(PointBranchConfig: at most "keypoints");
+branch!(LineBranchConfig: at most "segments");
 
+impl LineBranchConfig {
     /// Samples along a segment, both ends included.
     pub fn tokens(&self) -> usize {
         match self {
             Self::Attention(c) => c.tokens,
             Self::Anchored(c) => c.tokens,
-        }
-    }
-
-    /// Checks the ranges of all sizes.
-    ///
-    /// # Errors
-    /// [`ModelError::Size`], [`ModelError::Number`], [`ModelError::Mismatch`].
-    pub fn validate(&self) -> Result<(), ModelError> {
-        match self {
-            Self::Attention(c) => c.validate(),
-            Self::Anchored(c) => c.validate(),
-        }
-    }
-
-    /// Names and shapes of the trained tensors, as files and the trainer have them.
-    pub fn tensors(&self) -> Vec<TensorSpec> {
-        match self {
-            Self::Attention(c) => c.tensors(),
-            Self::Anchored(c) => c.tensors(),
-        }
-    }
-
-    /// The graph for at most `capacity` segments. Ports are in [`super::ports`].
-    ///
-    /// # Errors
-    /// [`ModelError`] when the configuration or the capacity is out of range.
-    pub fn graph(&self, capacity: usize) -> Result<Graph, ModelError> {
-        self.validate()?;
-        check_size("capacity", capacity, 1, MAX_ROWS)?;
-        match self {
-            Self::Attention(c) => c.graph(capacity),
-            Self::Anchored(c) => c.graph(capacity),
-        }
-    }
-
-    /// Turns the tensors of [`Self::tensors`] into the weights of [`Self::graph`]. Tensors of other branches are left alone.
-    ///
-    /// # Errors
-    /// [`ModelError::Nn`] for a missing or misshapen tensor.
-    pub fn prepare(&self, weights: &mut Weights) -> Result<Weights, ModelError> {
-        self.validate()?;
-        match self {
-            Self::Attention(c) => c.prepare(weights),
-            Self::Anchored(c) => c.prepare(weights),
         }
     }
 }

@@ -4,7 +4,6 @@
 mod data;
 mod lsd;
 mod nn_cases;
-pub mod nn_fuzz;
 mod parallel;
 pub mod portable;
 mod pose_scene;
@@ -12,5 +11,5 @@ pub mod room;
 
 pub use data::{shared_data, skip, skip_without_gpu};
 pub use lsd::check_lsd_fingerprints;
-pub use nn_cases::{NnCase, nn_cases};
+pub use nn_cases::{CPU_KINDS, NN_KINDS, NnCase, nn_case, nn_cases, random_weights};
 pub use pose_scene::{PoseScene, PoseSceneParams, pose_scene};

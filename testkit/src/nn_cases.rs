@@ -1,13 +1,45 @@
-//! One-operation networks of random shapes with random weights and inputs: every executor is compared with the oracle on
-//! these.
+//! Networks of one operation with random shapes, weights and inputs: every executor is compared with the oracle on these,
+//! natively, in wasm and on devices.
+//!
+//! Sizes lie around the edges of the kernels' tiles: 1, 3, 4, 5, 7, 8, 9, 15, 16, 17 and so on.
 
 use landline::{
     math::Rng,
     nn::{
-        Activation, AxisMap, Dense, Filter, Graph, GraphBuilder, NnError, Rows, Tensor,
+        Activation, AxisMap, CountId, Dense, Filter, Graph, GraphBuilder, NnError, Tensor,
         WeightTensor, Weights, executor::Executor, oracle::OracleExecutor,
     },
 };
+
+/// Kinds of cases for [`nn_case`] that every executor runs.
+pub const NN_KINDS: [&str; 20] = [
+    "linear",
+    "affine",
+    "conv3x3",
+    "stem",
+    "stem with affine layers",
+    "activate",
+    "add",
+    "resize",
+    "avg_pool",
+    "max_pool",
+    "instance_norm",
+    "unfold",
+    "detector_heat",
+    "layer_norm",
+    "l2_norm",
+    "attention",
+    "token_pool",
+    "sample",
+    "soft_choice",
+    "keep",
+];
+
+/// Kinds that devices refuse: their kernels read four channels at once.
+pub const CPU_KINDS: [&str; 2] = ["attention of any depth", "soft_choice of any depth"];
+
+/// Outputs of a run, by name.
+type Outputs = Vec<(String, Vec<f32>)>;
 
 /// A network with everything needed to run it once.
 #[derive(Debug, Clone)]
@@ -22,8 +54,10 @@ pub struct NnCase {
     pub counts: Vec<(String, usize)>,
     /// Inputs at those counts.
     pub inputs: Vec<(String, Vec<f32>)>,
-    /// Largest difference allowed for an f32 executor, relative to the largest output of the oracle (at least 1).
+    /// Largest difference allowed on the CPU, for numbers up to one; larger ones may be off in proportion.
     pub tolerance: f64,
+    /// Largest difference allowed on devices, whose functions are less exact, relative to the largest output (at least 1).
+    pub device_tolerance: f64,
 }
 
 impl NnCase {
@@ -31,7 +65,7 @@ impl NnCase {
     ///
     /// # Errors
     /// What the oracle refuses.
-    pub fn expected(&self) -> Result<Vec<(String, Vec<f32>)>, NnError> {
+    pub fn expected(&self) -> Result<Outputs, NnError> {
         let mut oracle = OracleExecutor::new(self.graph.clone(), self.weights.clone())?;
         self.run(&mut oracle)
     }
@@ -40,7 +74,7 @@ impl NnCase {
     ///
     /// # Errors
     /// What the executor refuses.
-    pub fn run(&self, executor: &mut dyn Executor) -> Result<Vec<(String, Vec<f32>)>, NnError> {
+    pub fn run(&self, executor: &mut dyn Executor) -> Result<Outputs, NnError> {
         for (name, count) in &self.counts {
             executor.set_count(name, *count)?;
         }
@@ -48,24 +82,41 @@ impl NnCase {
             executor.input(name)?.copy_from_slice(data);
         }
         executor.run()?;
-        let names: Vec<String> = self
-            .graph
-            .outputs()
-            .iter()
-            .map(|port| port.name.clone())
-            .collect();
-        names
-            .into_iter()
-            .map(|name| Ok((name.clone(), executor.output(&name)?.to_vec())))
+        let ports = self.graph.outputs().iter();
+        ports
+            .map(|port| Ok((port.name.clone(), executor.output(&port.name)?.to_vec())))
             .collect()
     }
 
-    /// The first output that differs from the oracle by more than the tolerance, in words.
+    /// The first number of a device that differs from the oracle by more than [`Self::device_tolerance`], in words.
     pub fn difference(&self, found: &[(String, Vec<f32>)]) -> Option<String> {
         let expected = match self.expected() {
             Ok(expected) => expected,
             Err(error) => return Some(format!("{}: the oracle refuses: {error}", self.name)),
         };
+        self.compare(&expected, found, |_, largest| {
+            self.device_tolerance * largest.max(1.0)
+        })
+    }
+
+    /// The first number of the CPU that differs from the oracle's outputs by more than [`Self::tolerance`], in words.
+    pub fn difference_on_cpu(
+        &self,
+        expected: &[(String, Vec<f32>)],
+        found: &[(String, Vec<f32>)],
+    ) -> Option<String> {
+        self.compare(expected, found, |number, _| {
+            self.tolerance * number.abs().max(1.0)
+        })
+    }
+
+    /// `allowed` is told the expected number and the largest one of its output.
+    fn compare(
+        &self,
+        expected: &[(String, Vec<f32>)],
+        found: &[(String, Vec<f32>)],
+        allowed: impl Fn(f64, f64) -> f64,
+    ) -> Option<String> {
         for ((name, expected), (_, found)) in expected.iter().zip(found) {
             if expected.len() != found.len() {
                 return Some(format!(
@@ -75,13 +126,13 @@ impl NnCase {
                     expected.len()
                 ));
             }
-            let scale = expected
+            let largest = expected
                 .iter()
-                .fold(1.0_f64, |largest, &x| largest.max(f64::from(x).abs()));
+                .fold(0.0_f64, |largest, &x| largest.max(f64::from(x).abs()));
             for (at, (&e, &f)) in expected.iter().zip(found).enumerate() {
                 let off = (f64::from(e) - f64::from(f)).abs();
                 // Negated so that a NaN counts as a difference.
-                if !(off <= self.tolerance * scale) {
+                if !(off <= allowed(f64::from(e), largest)) {
                     return Some(format!(
                         "{}: `{name}`[{at}] is {f}, expected {e}, off by {off:e}",
                         self.name
@@ -93,333 +144,346 @@ impl NnCase {
     }
 }
 
-struct Maker<'a> {
-    rng: &'a mut Rng,
-    inputs: Vec<(String, usize)>,
-    counts: Vec<(String, usize)>,
-    g: GraphBuilder,
-}
-
-impl Maker<'_> {
-    fn picture(&mut self, name: &str, height: usize, width: usize, channels: usize) -> Tensor {
-        self.inputs
-            .push((name.to_owned(), height * width * channels));
-        self.g.input_grid(name, height, width, channels)
-    }
-
-    /// An input with a run-time number of rows: capacity and the number used.
-    fn rows(
-        &mut self,
-        name: &str,
-        capacity: usize,
-        used: usize,
-        per: usize,
-        channels: usize,
-    ) -> Tensor {
-        let count = self.g.count(&format!("num_{name}"), capacity);
-        self.counts.push((format!("num_{name}"), used));
-        self.inputs.push((name.to_owned(), used * per * channels));
-        self.g.input_tokens(name, count, per, channels)
-    }
-
-    fn finish(self, name: String, tolerance: f64) -> NnCase {
-        let graph = self
-            .g
-            .finish()
-            .unwrap_or_else(|error| panic!("{name}: {error}"));
-        let mut weights = Weights::new();
-        for spec in graph.weights() {
-            let len = spec.shape.iter().product();
-            let data = if spec.name.ends_with(".sharpness") {
-                vec![9.0]
-            } else {
-                random(self.rng, len)
-            };
-            let tensor = WeightTensor::f32(&spec.shape, data)
-                .unwrap_or_else(|error| panic!("{name}: {error}"));
-            weights.insert(spec.name.clone(), tensor);
-        }
-        let inputs = self
-            .inputs
-            .into_iter()
-            .map(|(input, len)| (input, random(self.rng, len)))
-            .collect();
-        NnCase {
-            name,
-            graph,
-            weights,
-            counts: self.counts,
-            inputs,
-            tolerance,
-        }
-    }
-}
-
-fn random(rng: &mut Rng, len: usize) -> Vec<f32> {
-    (0..len).map(|_| rng.range(-1.0, 1.0) as f32).collect()
-}
-
-/// Sizes around the edges of the kernels' tiles, and primes.
-fn pick(rng: &mut Rng, sizes: &[usize]) -> usize {
-    sizes[rng.below(sizes.len() as u32) as usize]
-}
-
-const ACTIVATIONS: [Activation; 4] = [
-    Activation::None,
-    Activation::Relu,
-    Activation::Gelu,
-    Activation::Sigmoid,
-];
-
-/// About a dozen cases of every operation, `rounds` times over, the same for the same seed.
+/// Cases of all [`NN_KINDS`], five of each kind a round, the same for the same seed.
 pub fn nn_cases(seed: u64, rounds: usize) -> Vec<NnCase> {
-    let mut rng = Rng::from_seed(seed);
-    let mut cases = Vec::new();
-    for _ in 0..rounds {
-        dense_cases(&mut rng, &mut cases);
-        picture_cases(&mut rng, &mut cases);
-        row_cases(&mut rng, &mut cases);
-    }
-    cases
+    let per_kind = 5 * rounds as u64;
+    NN_KINDS
+        .iter()
+        .flat_map(|kind| (0..per_kind).map(move |number| nn_case(kind, seed * 1000 + number)))
+        .collect()
 }
 
-fn maker<'a>(rng: &'a mut Rng, name: &str) -> Maker<'a> {
-    Maker {
-        rng,
-        inputs: Vec::new(),
-        counts: Vec::new(),
-        g: GraphBuilder::new(name),
-    }
-}
-
-fn dense_cases(rng: &mut Rng, cases: &mut Vec<NnCase>) {
-    for activation in ACTIVATIONS {
-        let used = pick(rng, &[0, 1, 2, 31, 32, 33, 67]);
-        let capacity = used + pick(rng, &[1, 5, 40]);
-        let (depth, out) = (
-            pick(rng, &[1, 3, 15, 16, 17, 64, 96]),
-            pick(rng, &[1, 4, 8, 31, 33, 65, 128]),
-        );
-        let groups = pick(rng, &[1, 1, 2, 4]);
-        let residual = rng.below(2) == 1;
-        let mut m = maker(rng, "linear");
-        let x = m.rows("x", capacity, used, 1, depth * groups);
-        let mut layer = Dense::new("l", out * groups)
-            .activation(activation)
-            .groups(groups);
-        if residual {
-            let Rows::Counted { count, .. } = x.rows else {
-                unreachable!("rows are counted")
-            };
-            m.inputs.push(("r".to_owned(), used * out * groups));
-            layer = layer.residual(m.g.input_rows("r", count, out * groups));
+/// Random weights for a graph, in -1..1. Sharpness values are 20.
+pub fn random_weights(graph: &Graph, rng: &mut Rng) -> Weights {
+    let tensors = graph.weights().iter().map(|spec| {
+        let count = spec.shape.iter().product();
+        let numbers = if spec.name.ends_with(".sharpness") {
+            vec![20.0; count]
         } else {
-            layer = layer.without_bias();
-        }
-        let y = m.g.linear(x, layer);
-        m.g.output("y", y);
-        cases.push(m.finish(
-            format!("linear {used}x{depth}x{out} groups {groups} {activation:?}"),
-            2e-6 * (depth as f64).sqrt(),
-        ));
-    }
-    for post in [false, true] {
-        let (h, w) = (pick(rng, &[2, 7, 16, 26]), pick(rng, &[2, 9, 24, 34]));
-        let (hidden, out) = (pick(rng, &[16, 64]), pick(rng, &[4, 24, 64]));
-        let mut m = maker(rng, "stem");
-        let x = m.picture("x", h, w, 1);
-        let mut y =
-            m.g.conv3x3(x, Dense::new("a", hidden).activation(Activation::Relu));
-        if post {
-            y = m.g.linear(y, Dense::new("a.post", hidden).groups(hidden));
-        }
-        let mut y =
-            m.g.conv3x3(y, Dense::new("b", out).activation(Activation::Relu));
-        if post {
-            y = m.g.linear(y, Dense::new("b.post", out).groups(out));
-        }
-        let y = m.g.max_pool(y, 2, 2, 0);
-        m.g.output("y", y);
-        cases.push(m.finish(
-            format!("stem {h}x{w} to {hidden} to {out} post {post}"),
-            2e-5,
-        ));
+            random(rng, count)
+        };
+        let tensor = WeightTensor::f32(&spec.shape, numbers).expect("the shape's own size");
+        (spec.name.clone(), tensor)
+    });
+    tensors.collect()
+}
 
-        let used = pick(rng, &[0, 1, 65]);
-        let mut m = maker(rng, "affine");
-        let x = m.rows("x", used + 2, used, 1, out);
-        let y = m.g.linear(
-            x,
-            Dense::new("l", out)
-                .groups(out)
-                .activation(Activation::Sigmoid),
-        );
-        m.g.output("y", y);
-        cases.push(m.finish(format!("affine {used}x{out}"), 2e-6));
+fn random(rng: &mut Rng, count: usize) -> Vec<f32> {
+    (0..count).map(|_| rng.range(-1.0, 1.0) as f32).collect()
+}
+
+/// A graph under construction, with the count `n` that most operations have.
+struct Maker {
+    rng: Rng,
+    g: GraphBuilder,
+    n: CountId,
+    counts: Vec<(String, usize)>,
+}
+
+impl Maker {
+    fn between(&mut self, low: usize, high: usize) -> usize {
+        low + self.rng.below((high - low + 1) as u32) as usize
     }
-    for stride in [1, 2] {
-        for channels in [1, 4, 5, 24] {
-            let (h, w) = (pick(rng, &[1, 2, 7, 12, 33]), pick(rng, &[1, 3, 8, 17, 40]));
-            let out = pick(rng, &[1, 4, 8, 24, 35, 64]);
-            let mut m = maker(rng, "conv3x3");
-            let x = m.picture("x", h, w, channels);
-            let mut layer = Dense::new("c", out)
-                .stride(stride)
-                .activation(Activation::Relu);
-            if stride == 1 {
-                layer = layer.residual(m.picture("r", h, w, out));
+
+    fn pick<T: Copy>(&mut self, from: &[T]) -> T {
+        from[self.between(0, from.len() - 1)]
+    }
+
+    fn size(&mut self) -> usize {
+        self.pick(&[
+            1, 2, 3, 4, 5, 7, 8, 9, 12, 13, 15, 16, 17, 24, 31, 32, 33, 48, 64, 65, 67,
+        ])
+    }
+
+    fn activation(&mut self) -> Activation {
+        self.pick(&[
+            Activation::None,
+            Activation::Relu,
+            Activation::Gelu,
+            Activation::Sigmoid,
+        ])
+    }
+
+    /// A count of rows with its capacity; some are empty, some full.
+    fn count(&mut self, name: &str, capacity: usize) -> CountId {
+        let used = self.pick(&[0, 1, capacity / 2 + 1, capacity, capacity]);
+        self.counts.push((name.to_owned(), used.min(capacity)));
+        self.g.count(name, capacity)
+    }
+
+    /// An input of rows: a window of a wider tensor, so that strides and offsets are tried.
+    fn rows(&mut self, name: &str, channels: usize) -> Tensor {
+        let extra = self.pick(&[0, 0, 1, 5]);
+        let first = self.between(0, extra);
+        self.g
+            .input_rows(name, self.n, channels + extra)
+            .channel_range(first..first + channels)
+    }
+
+    fn picture(&mut self, [height, width]: [usize; 2], channels: usize) -> Tensor {
+        self.g.input_grid("x", height, width, channels)
+    }
+}
+
+/// Rounding of a sum of so many products of numbers below one.
+fn dot_tolerance(depth: usize) -> f64 {
+    4.0 * (depth as f64).sqrt() * f64::from(f32::EPSILON)
+}
+
+/// A random case of one of [`NN_KINDS`] or [`CPU_KINDS`].
+///
+/// # Panics
+/// For another kind.
+pub fn nn_case(kind: &str, seed: u64) -> NnCase {
+    let mut rng = Rng::from_seed(seed);
+    // Kinds do not share their random numbers.
+    for byte in kind.bytes() {
+        rng = Rng::from_seed(rng.next_u64() ^ u64::from(byte));
+    }
+    let mut g = GraphBuilder::new(format!("{kind} {seed}"));
+    let capacity = 1 + rng.below(134) as usize;
+    let n = g.count("n", capacity);
+    let mut m = Maker {
+        rng,
+        g,
+        n,
+        counts: Vec::new(),
+    };
+    let used = m.pick(&[0, 1, capacity / 2, capacity, capacity]);
+    m.counts.push(("n".to_owned(), used));
+    let channels = m.size();
+    let size = [m.between(1, 13), m.between(1, 21)];
+    let (tolerance, device_tolerance) = match kind {
+        "linear" | "affine" | "conv3x3" | "stem" | "stem with affine layers" => {
+            dense(kind, &mut m, channels, size)
+        }
+        "resize" | "avg_pool" | "max_pool" | "instance_norm" | "unfold" | "detector_heat"
+        | "sample" => picture(kind, &mut m, channels, size),
+        _ => rows(kind, &mut m, channels),
+    };
+    let Maker {
+        mut rng, g, counts, ..
+    } = m;
+    let graph = g.finish().expect("the cases are valid networks");
+    let weights = random_weights(&graph, &mut rng);
+    let at: Vec<usize> = counts.iter().map(|(_, count)| *count).collect();
+    let inputs = graph
+        .inputs()
+        .iter()
+        .map(|port| {
+            let count = port.tensor.rows.at(&at) * port.tensor.channels;
+            (port.name.clone(), random(&mut rng, count))
+        })
+        .collect();
+    NnCase {
+        name: format!("{kind} {seed}: {:?} counts {counts:?}", graph.nodes()[0]),
+        graph,
+        weights,
+        counts,
+        inputs,
+        tolerance,
+        device_tolerance,
+    }
+}
+
+/// Builds a case of products; returns its tolerances, as the next two functions do.
+fn dense(kind: &str, m: &mut Maker, channels: usize, size: [usize; 2]) -> (f64, f64) {
+    match kind {
+        "linear" => {
+            let groups = m.pick(&[1, 1, 1, 2, 4]);
+            let [inner, out] = [m.size() * groups, m.size() * groups];
+            let x = m.rows("x", inner);
+            let mut layer = Dense::new("layer", out)
+                .activation(m.activation())
+                .groups(groups);
+            if m.between(0, 1) == 1 {
+                layer = layer.residual(m.rows("residual", out));
+            }
+            if m.between(0, 2) == 0 {
+                layer = layer.without_bias();
+            }
+            let y = m.g.linear(x, layer);
+            m.g.output("y", y);
+            (
+                2e-6 + dot_tolerance(inner),
+                4e-6 + 2.0 * dot_tolerance(inner),
+            )
+        }
+        "affine" => {
+            let x = m.rows("x", channels);
+            let layer = Dense::new("l", channels)
+                .groups(channels)
+                .activation(m.activation());
+            let y = m.g.linear(x, layer);
+            m.g.output("y", y);
+            (2e-6, 4e-6)
+        }
+        "conv3x3" => {
+            let extra = m.pick(&[0, 0, 3]);
+            let x = m
+                .picture(size, channels + extra)
+                .channel_range(extra..extra + channels);
+            let stride = m.between(1, 2);
+            let out = m.size();
+            let mut layer = Dense::new("layer", out)
+                .activation(m.activation())
+                .stride(stride);
+            if m.between(0, 2) == 0 {
+                let [height, width] = size.map(|side| side.div_ceil(stride));
+                layer = layer.residual(m.g.input_grid("residual", height, width, out));
             }
             let y = m.g.conv3x3(x, layer);
             m.g.output("y", y);
-            cases.push(m.finish(
-                format!("conv3x3 {h}x{w}x{channels} to {out} stride {stride}"),
-                2e-5,
-            ));
+            (2e-6 + dot_tolerance(9 * channels), 2e-5)
+        }
+        _ => {
+            let post = kind != "stem";
+            let size = size.map(|side| 2 * side);
+            let (hidden, out) = (m.pick(&[16, 64]), m.pick(&[4, 24, 64]));
+            let x = m.picture(size, 1);
+            let relu = |name| Dense::new(name, hidden).activation(Activation::Relu);
+            let mut y = m.g.conv3x3(x, relu("a"));
+            if post {
+                y = m.g.linear(y, Dense::new("a.post", hidden).groups(hidden));
+            }
+            let layer = Dense::new("b", out).activation(Activation::Relu);
+            let mut y = m.g.conv3x3(y, layer);
+            if post {
+                y = m.g.linear(y, Dense::new("b.post", out).groups(out));
+            }
+            let y = m.g.max_pool(y, 2, 2, 0);
+            m.g.output("y", y);
+            // The hidden numbers are up to ten, those of the second layer up to a thousand.
+            (1e-5 + 10.0 * dot_tolerance(9 * hidden), 2e-5)
         }
     }
 }
 
-fn picture_cases(rng: &mut Rng, cases: &mut Vec<NnCase>) {
-    for _ in 0..3 {
-        let (h, w, c) = (
-            pick(rng, &[8, 16, 24]),
-            pick(rng, &[8, 24, 40]),
-            pick(rng, &[1, 3, 8]),
-        );
-        for kind in 0..7 {
-            let mut m = maker(rng, "picture");
-            let x = m.picture("x", h, w, c);
-            let y = match kind {
-                0 => {
-                    let addend = m.picture("addend", h * 2 + 1, w + 3, c);
-                    m.g.resize_add(x, addend)
-                }
-                1 => m.g.resize(x, h / 2 + 1, w * 2),
-                2 => m.g.avg_pool(x, 4),
-                3 => m.g.max_pool(x, 5, 1, 2),
-                4 => m.g.max_pool(x, 2, 2, 0),
-                5 => m.g.instance_norm(x, 1e-5),
-                _ => m.g.unfold(x, 8),
-            };
-            m.g.output("y", y);
-            cases.push(m.finish(format!("picture operation {kind} on {h}x{w}x{c}"), 1e-5));
-        }
-        let mut m = maker(rng, "heat");
-        let x = m.picture("x", h / 4, w / 4, 65);
-        let y = m.g.detector_heat(x, 8);
-        m.g.output("y", y);
-        cases.push(m.finish(format!("detector_heat {h}x{w}"), 1e-6));
-        for filter in [Filter::Bilinear, Filter::Bicubic] {
-            let used = pick(rng, &[0, 1, 63, 65]);
-            let mut m = maker(rng, "sample");
-            let x = m.picture("x", h, w, c);
-            let at = m.rows("at", used + 3, used, 1, 2);
-            // Positions in -1..1 reach over every border.
-            let map = |size: usize| AxisMap {
-                scale: 0.6 * size as f32,
-                offset: 0.5 * size as f32 - 0.5,
-            };
-            let y = m.g.sample(x, at, filter, map(w), map(h));
-            m.g.output("y", y);
-            cases.push(m.finish(format!("sample {filter:?} {used} of {h}x{w}x{c}"), 1e-5));
-        }
-    }
-}
-
-fn row_cases(rng: &mut Rng, cases: &mut Vec<NnCase>) {
-    for used in [
-        0,
-        1,
-        pick(rng, &[2, 15, 16, 17]),
-        pick(rng, &[63, 64, 65, 129]),
-    ] {
-        let capacity = used + pick(rng, &[1, 7, 64]);
-        let channels = pick(rng, &[4, 32, 64, 100, 256]);
-        for centred in [false, true] {
-            let mut m = maker(rng, "norm");
-            let x = m.rows("x", capacity, used, 1, channels);
-            let y = if centred {
-                m.g.layer_norm(x, "n", 1e-6)
+fn picture(kind: &str, m: &mut Maker, channels: usize, size: [usize; 2]) -> (f64, f64) {
+    let few = m.pick(&[1, 1, 3]);
+    let (y, tolerance) = match kind {
+        "resize" => {
+            let x = m.picture(size, channels);
+            let [height, width] = [m.between(1, 17), m.between(1, 17)];
+            let y = if m.between(0, 1) == 1 {
+                let addend = m.g.input_grid("addend", height, width, channels);
+                m.g.resize_add(x, addend)
             } else {
-                m.g.l2_norm(x, 1e-12)
+                m.g.resize(x, height, width)
             };
-            m.g.output("y", y);
-            cases.push(m.finish(format!("norm centred {centred} {used}x{channels}"), 1e-5));
+            (y, 2e-6)
         }
-        for activation in ACTIVATIONS {
-            let mut m = maker(rng, "elementwise");
-            let x = m.rows("x", capacity, used, 1, 2 * channels);
-            let (a, b) = (
-                x.channel_range(0..channels),
-                x.channel_range(channels..2 * channels),
-            );
-            let sum = m.g.add(a, b, activation);
-            let y = m.g.activate(sum, activation);
-            m.g.output("y", y);
-            cases.push(m.finish(
-                format!("add and activate {activation:?} {used}x{channels}"),
-                2e-6,
-            ));
+        "avg_pool" => {
+            let x = m.picture(size.map(|side| side + 5), channels);
+            let side = m.between(1, 5);
+            (m.g.avg_pool(x, side), 2e-6)
         }
-        for masked in [false, true] {
-            let (heads, d) = (pick(rng, &[1, 2, 4]), pick(rng, &[4, 16, 64]));
-            let num_keys = pick(rng, &[0, 1, 15, 16, 33, 70]);
-            let mut m = maker(rng, "attention");
-            let q = m.rows("q", capacity, used, 1, heads * d);
-            let kv = m.rows("kv", num_keys + 5, num_keys, 1, 2 * heads * d);
-            let (k, v) = (
-                kv.channel_range(0..heads * d),
-                kv.channel_range(heads * d..2 * heads * d),
-            );
-            let Rows::Counted { count, .. } = kv.rows else {
-                unreachable!("rows are counted")
+        "max_pool" => {
+            let x = m.picture(size.map(|side| side + 5), channels);
+            let side = m.between(1, 5);
+            let [stride, pad] = [m.between(1, 3), m.between(0, side - 1)];
+            (m.g.max_pool(x, side, stride, pad), 0.0)
+        }
+        "instance_norm" => {
+            let x = m.picture([size[0], size[1] + 1], few);
+            (m.g.instance_norm(x, 1e-5), 2e-5)
+        }
+        "unfold" => {
+            let block = m.between(1, 8);
+            let x = m.picture(size.map(|side| side * block), few);
+            (m.g.unfold(x, block), 0.0)
+        }
+        "detector_heat" => {
+            let block = m.between(1, 8);
+            let x = m.picture(size, block * block + 1);
+            (m.g.detector_heat(x, block), 2e-6)
+        }
+        _ => {
+            let x = m.picture(size, channels);
+            let positions = m.g.input_rows("positions", m.n, 2);
+            let filter = m.pick(&[Filter::Bilinear, Filter::Bicubic]);
+            // Positions in -1..1 reach over every border.
+            let map = |side: usize| AxisMap {
+                scale: 0.7 * side as f32,
+                offset: 0.5 * side as f32 - 0.5,
             };
-            let keep = masked.then(|| {
-                m.inputs.push(("keep".to_owned(), num_keys));
-                m.g.input_rows("keep", count, 1)
-            });
-            let y =
-                m.g.attention([q, k, v], heads, 1.0 / (d as f32).sqrt(), keep);
-            m.g.output("y", y);
-            cases.push(m.finish(
-                format!("attention {used}x{num_keys} {heads} heads of {d} masked {masked}"),
-                1e-5,
-            ));
+            let y = m.g.sample(x, positions, filter, map(size[1]), map(size[0]));
+            (y, 4e-6)
         }
-        let (heads, c) = (pick(rng, &[1, 4]), pick(rng, &[8, 64, 100]));
-        let mut m = maker(rng, "token_pool");
-        let tokens = m.rows("tokens", capacity, used, 12, c);
-        let Rows::Counted { count, .. } = tokens.rows else {
-            unreachable!("rows are counted")
-        };
-        m.inputs.push(("u".to_owned(), used * heads * c));
-        let u = m.g.input_rows("u", count, heads * c);
-        let y = m.g.token_pool(u, tokens, heads, 0.3);
-        m.g.output("y", y);
-        cases.push(m.finish(format!("token_pool {used}x{heads}x{c}"), 1e-5));
+    };
+    m.g.output("y", y);
+    (tolerance, f64::max(tolerance, 1e-5))
+}
 
-        let (anchors, values, d) = (
-            pick(rng, &[1, 2, 16, 33, 200]),
-            pick(rng, &[3, 6]),
-            pick(rng, &[4, 32, 64]),
-        );
-        let mut m = maker(rng, "soft_choice");
-        let x = m.rows("x", capacity, used, 1, d);
-        let [chosen, statistics] = m.g.soft_choice(x, "a", anchors, values);
-        m.g.output("chosen", chosen);
-        m.g.output("statistics", statistics);
-        cases.push(m.finish(format!("soft_choice {used} of {anchors}x{d}"), 2e-5));
-
-        let mut m = maker(rng, "keep");
-        let x = m.rows("x", capacity + 300, used + 250, 1, channels + 1);
-        let [kept, index] = m.g.keep(
-            x.channel_range(0..channels),
-            x.channel_range(channels..channels + 1),
-            0.2,
-            "num_kept",
-        );
-        m.g.output("kept", kept);
-        m.g.output("index", index);
-        cases.push(m.finish(format!("keep of {} x {channels}", used + 250), 0.0));
-    }
+fn rows(kind: &str, m: &mut Maker, channels: usize) -> (f64, f64) {
+    let activation = m.activation();
+    let (y, tolerance) = match kind {
+        "activate" => {
+            let x = m.rows("x", channels);
+            (m.g.activate(x, activation), 2e-6)
+        }
+        "add" => {
+            let (a, b) = (m.rows("a", channels), m.rows("b", channels));
+            (m.g.add(a, b, activation), 2e-6)
+        }
+        "layer_norm" => {
+            let x = m.rows("x", channels + 8);
+            (m.g.layer_norm(x, "norm", 1e-6), 1e-5)
+        }
+        "l2_norm" => {
+            let x = m.rows("x", channels);
+            (m.g.l2_norm(x, 1e-12), 2e-6)
+        }
+        "attention" | "attention of any depth" => {
+            let heads = m.pick(&[1, 2, 4]);
+            let [depth, width] = if kind == "attention" {
+                [m.pick(&[4, 8, 16, 64]), m.pick(&[4, 16, 32, 64])]
+            } else {
+                [m.pick(&[3, 17, 30]), m.pick(&[1, 7, 33])]
+            };
+            // Some cases need several tiles of keys and blocks of queries.
+            let capacity = m.pick(&[1, 9, 60, 300, 600]);
+            let keys = m.count("m", capacity);
+            let q = m.rows("q", heads * depth);
+            let both = m.g.input_rows("kv", keys, heads * (depth + width));
+            let k = both.channel_range(0..heads * depth);
+            let v = both.channel_range(heads * depth..heads * (depth + width));
+            let masked = m.between(0, 2) == 0;
+            let keep = masked.then(|| m.g.input_rows("keep", keys, 1));
+            let scale = 1.0 / (depth as f32).sqrt();
+            (m.g.attention([q, k, v], heads, scale, keep), 4e-6)
+        }
+        "token_pool" => {
+            let (heads, tokens) = (m.pick(&[1, 2, 4]), m.pick(&[1, 5, 12]));
+            let u = m.rows("u", heads * channels);
+            let tokens_of = m.g.input_tokens("tokens", m.n, tokens, channels);
+            (m.g.token_pool(u, tokens_of, heads, 0.125), 4e-6)
+        }
+        "soft_choice" | "soft_choice of any depth" => {
+            let depth = if kind == "soft_choice" {
+                m.pick(&[4, 16, 64])
+            } else {
+                m.pick(&[1, 5, 30])
+            };
+            let x = m.rows("x", depth);
+            let anchors = m.pick(&[1, 2, 15, 16, 17, 100, 333]);
+            let values = m.pick(&[1, 3, 6]);
+            let [chosen, statistics] = m.g.soft_choice(x, "anchor", anchors, values);
+            m.g.output("statistics", statistics);
+            // A similarity of up to 64 products times the sharpness goes through an exponential.
+            (chosen, 3e-4)
+        }
+        "keep" => {
+            let x = m.rows("x", channels);
+            let logit = m.g.input_rows("logit", m.n, 1);
+            let min_logit = m.pick(&[-2.0, -0.3, 0.0, 0.3, 2.0]);
+            let [kept, index] = m.g.keep(x, logit, min_logit, "kept");
+            m.g.output("index", index);
+            // The new count goes on to the next operation.
+            (m.g.add(kept, kept, Activation::None), 0.0)
+        }
+        other => panic!("no such kind: {other}"),
+    };
+    m.g.output("y", y);
+    (tolerance, f64::max(tolerance, 1e-5))
 }

@@ -1,27 +1,28 @@
 //! Every operation of the CPU executor against the reference, on every instruction set of this machine.
 
+use landline::math::Rng;
 use landline::nn::{
     Dense, Executor, GraphBuilder, NnError,
     cpu::{CpuExecutor, Level},
 };
-use landline_testkit::nn_fuzz::{KINDS, Random, case, random_weights};
+use landline_testkit::{CPU_KINDS, NN_KINDS, nn_case, random_weights};
 
 const CASES: u64 = 60;
 
 #[test]
 fn every_operation_agrees_with_the_reference() {
     for level in Level::available() {
-        for kind in KINDS {
+        for kind in NN_KINDS.into_iter().chain(CPU_KINDS) {
             for seed in 0..CASES {
-                let case = case(kind, seed);
-                let expected = case.expected();
+                let case = nn_case(kind, seed);
+                let expected = case.expected().expect("the reference runs every case");
                 let mut cpu =
                     CpuExecutor::with_level(case.graph.clone(), case.weights.clone(), level)
                         .expect("fitting weights");
                 // Twice: a run must not depend on what the last one left behind.
                 for _ in 0..2 {
                     let found = case.run(&mut cpu).expect("the CPU executor does not fail");
-                    if let Some(difference) = case.difference(&expected, &found) {
+                    if let Some(difference) = case.difference_on_cpu(&expected, &found) {
                         panic!("{}: {difference}", level.name());
                     }
                 }
@@ -34,13 +35,13 @@ fn every_operation_agrees_with_the_reference() {
 fn a_wrong_row_is_noticed() {
     let mut noticed = 0;
     for seed in 0..CASES {
-        let case = case("linear", seed);
-        let expected = case.expected();
+        let case = nn_case("linear", seed);
+        let expected = case.expected().expect("the reference runs every case");
         let columns = case.graph.outputs()[0].tensor.channels;
-        if expected[0].len() > columns {
+        if expected[0].1.len() > columns {
             let mut wrong = expected.clone();
-            wrong[0].rotate_left(columns);
-            noticed += u32::from(case.difference(&expected, &wrong).is_some());
+            wrong[0].1.rotate_left(columns);
+            noticed += u32::from(case.difference_on_cpu(&expected, &wrong).is_some());
         }
     }
     assert!(noticed > 20, "only {noticed} shifted results were noticed");
@@ -58,9 +59,9 @@ fn fewer_rows_do_not_change_the_others() {
         g.output("y", y);
         g.finish().expect("a valid network")
     };
-    let mut random = Random::new(3);
-    let weights = random_weights(&graph(1), &mut random);
-    let input: Vec<f32> = (0..40 * 21).map(|_| random.number()).collect();
+    let mut rng = Rng::from_seed(3);
+    let weights = random_weights(&graph(1), &mut rng);
+    let input: Vec<f32> = (0..40 * 21).map(|_| rng.range(-1.0, 1.0) as f32).collect();
     let mut outputs = Vec::new();
     for capacity in [21, 100, 1000] {
         let mut cpu = CpuExecutor::new(graph(capacity), weights.clone()).expect("fitting weights");
@@ -85,7 +86,7 @@ fn refuses_weights_that_do_not_fit() {
     let y = g.linear(x, Dense::new("layer", 2));
     g.output("y", y);
     let graph = g.finish().expect("a valid network");
-    let mut weights = random_weights(&graph, &mut Random::new(1));
+    let mut weights = random_weights(&graph, &mut Rng::from_seed(1));
     let taken = weights.remove("layer.b").expect("the bias");
     assert!(matches!(
         CpuExecutor::new(graph.clone(), weights.clone()),

@@ -2,9 +2,39 @@
 
 use crate::weights::load_extractor;
 use anyhow::{Context, Result};
+use clap::ValueEnum;
+use landline::nn::cpu::Level;
 use landline::relocalizer::{FrontEndOptions, Relocalizer, RelocalizerOptions};
 use landline::scene_file::{ExtractorFile, SceneFile};
 use std::path::{Path, PathBuf};
+
+/// Which kernels run the networks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum Kernels {
+    /// The fastest of this machine.
+    #[default]
+    Auto,
+    /// The same bits on every machine, and as in the browser.
+    Portable,
+}
+
+/// Which kernels run the networks.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct KernelArgs {
+    /// Kernels of the networks: the fastest of this machine, or those that give the same bits everywhere.
+    #[arg(long, value_enum, default_value_t = Kernels::Auto)]
+    kernels: Kernels,
+}
+
+impl KernelArgs {
+    /// The level that was asked for.
+    pub fn level(self) -> Level {
+        match self.kernels {
+            Kernels::Auto => Level::best(),
+            Kernels::Portable => Level::Portable,
+        }
+    }
+}
 
 /// Which extractor file to use.
 #[derive(Debug, Clone, clap::Args)]

@@ -4,7 +4,7 @@ use super::{FeatureSet, Keypoint, KeypointParams, SelectScratch, select_keypoint
 use crate::geometry::{Pixel, Segment2};
 use crate::image::GrayView;
 use crate::models::{ExtractorKind, ModelError, Sampler, ports};
-use crate::nn::cpu::CpuExecutor;
+use crate::nn::cpu::{CpuExecutor, Level};
 use crate::nn::{Executor, NnError, Weights};
 
 /// Why features could not be computed.
@@ -90,6 +90,7 @@ impl ExtractorOptions {
 pub struct Extractor {
     kind: ExtractorKind,
     options: ExtractorOptions,
+    level: Level,
     weights: Weights,
     networks: Option<Networks>,
     select: SelectScratch,
@@ -140,11 +141,20 @@ impl Extractor {
         Ok(Self {
             kind,
             options,
+            level: Level::best(),
             weights,
             networks: None,
             select: SelectScratch::default(),
             positions: Vec::new(),
         })
+    }
+
+    /// Uses these kernels instead of the machine's best.
+    #[must_use]
+    pub fn with_level(mut self, level: Level) -> Self {
+        self.level = level;
+        self.networks = None;
+        self
     }
 
     /// Which extractor this is.
@@ -308,8 +318,8 @@ impl Extractor {
         )?;
         Ok(Networks {
             picture,
-            dense: CpuExecutor::new(dense, self.weights.clone())?,
-            sampler: CpuExecutor::new(sampler, Weights::new())?,
+            dense: CpuExecutor::with_level(dense, self.weights.clone(), self.level)?,
+            sampler: CpuExecutor::with_level(sampler, Weights::new(), self.level)?,
         })
     }
 }

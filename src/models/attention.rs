@@ -344,5 +344,5 @@ pub(super) fn min_logit(probability: f32) -> f32 {
         return f32::MIN;
     }
     let p = f64::from(probability);
-    (p / (1.0 - p)).ln() as f32
+    libm::log(p / (1.0 - p)) as f32
 }

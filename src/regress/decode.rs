@@ -28,7 +28,8 @@ impl Predictions {
 }
 
 fn sigmoid(x: f32) -> f32 {
-    1.0 / (1.0 + (-x).exp())
+    // The software exponential: the system's differs in the last digit from machine to machine.
+    1.0 / (1.0 + libm::expf(-x))
 }
 
 fn world(scale: &SceneScale, xyz: &[f32]) -> Option<Vector3<f64>> {

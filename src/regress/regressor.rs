@@ -4,7 +4,7 @@ use super::decode::{Predictions, decode_lines, decode_points, decode_v1};
 use crate::features::FeatureSet;
 use crate::geometry::SceneScale;
 use crate::models::{ModelError, RegressorConfig, V1Config, ports};
-use crate::nn::cpu::CpuExecutor;
+use crate::nn::cpu::{CpuExecutor, Level};
 use crate::nn::{Executor, Graph, NnError, Weights};
 
 /// Why a regressor could not be made or run.
@@ -106,10 +106,26 @@ impl Regressor {
         max_keypoints: usize,
         max_segments: usize,
     ) -> Result<Self, RegressError> {
+        let level = Level::best();
+        Self::with_level(config, weights, scale, max_keypoints, max_segments, level)
+    }
+
+    /// [`Self::new`] with other kernels than the machine's best.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_level(
+        config: &RegressorConfig,
+        weights: Weights,
+        scale: SceneScale,
+        max_keypoints: usize,
+        max_segments: usize,
+        level: Level,
+    ) -> Result<Self, RegressError> {
         let mut parts = network_parts(config, weights, max_keypoints, max_segments)?.into_iter();
         let mut next = || {
             let part = parts.next();
-            part.map(|(graph, weights)| CpuExecutor::new(graph, weights))
+            part.map(|(graph, weights)| CpuExecutor::with_level(graph, weights, level))
                 .transpose()
         };
         let missing = || ModelError::Mismatch("the configuration has no network".to_owned());

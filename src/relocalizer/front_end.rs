@@ -8,6 +8,7 @@ use crate::image::{FrameView, GrayImage, gray_from_frame, working_from_gray};
 use crate::lsd::post::{self, PostParams, Rank};
 use crate::lsd::{self, LsdParams, LsdScratch};
 use crate::models::{ExtractorKind, Sampler};
+use crate::nn::cpu::Level;
 use crate::scene_file::ExtractorFile;
 
 /// How features are made.
@@ -108,6 +109,13 @@ impl FrontEnd {
             features: FeatureSet::default(),
             working_from_sensor: WorkingFromSensor::from_scale(1.0, 1.0),
         })
+    }
+
+    /// Uses these kernels instead of the machine's best.
+    #[must_use]
+    pub fn with_level(mut self, level: Level) -> Self {
+        self.extractor = self.extractor.with_level(level);
+        self
     }
 
     /// Which extractor it runs.

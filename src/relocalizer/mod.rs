@@ -6,8 +6,8 @@
 //!   in pixels of the working image, so that thresholds mean the same for every camera.
 //! * **Method**: grey, resize, extractor, segments, the scene's two branches, correspondences, solver; over several frames a
 //!   prior from the last pose, a state, smoothing, and the remembered focal length of cameras that nobody calibrated.
-//! * **Invariants**: the same frame, options and seed give the same pose, natively and in the browser; the core reads no clock
-//!   of its own.
+//! * **Invariants**: the same frame, options and seed give the same pose; with the portable kernels, the only ones in the browser,
+//!   on every machine. The core reads no clock of its own.
 //! * **Cost**: all buffers are kept from frame to frame; a change of the working size builds the extractor's plan anew.
 
 #[cfg(feature = "webgpu")]
@@ -113,14 +113,16 @@ impl Relocalizer {
                 tokens: scene.config.line_tokens().unwrap_or(2),
                 sampler: scene.info.sampler,
             },
-        )?;
+        )?
+        .with_level(options.kernels);
         let info = scene.info.clone();
-        let regressor = Regressor::new(
+        let regressor = Regressor::with_level(
             &scene.config,
             scene.weights,
             info.scale,
             options.keypoints.max_keypoints,
             options.max_segments,
+            options.kernels,
         )
         .map_err(CreateError::Networks)?;
         Ok(Self {
@@ -171,8 +173,8 @@ impl Relocalizer {
         &self.options
     }
 
-    /// Changes options between frames. What concerns the shape of the networks (keypoints, detector, segments) stays as it
-    /// was when the relocalizer was made.
+    /// Changes options between frames. What concerns the networks (keypoints, detector, segments, kernels) stays as it was
+    /// when the relocalizer was made.
     ///
     /// # Errors
     /// [`CreateError`] when an option has no meaning; nothing has changed then.
@@ -189,6 +191,7 @@ impl Relocalizer {
             lsd: self.options.lsd,
             min_segment_px: self.options.min_segment_px,
             max_segments: self.options.max_segments,
+            kernels: self.options.kernels,
             ..options
         };
         Ok(())

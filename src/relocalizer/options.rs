@@ -5,6 +5,7 @@ use crate::features::KeypointParams;
 use crate::geometry::Camera;
 use crate::lsd::LsdParams;
 use crate::models::ExtractorKind;
+use crate::nn::cpu::Level;
 use crate::pose::{Gravity, PoseOptions};
 
 /// Options of a [`super::Relocalizer`].
@@ -28,6 +29,8 @@ pub struct RelocalizerOptions {
     pub pose: PoseOptions,
     /// Smoothing of displayed poses.
     pub smoothing: Smoothing,
+    /// Kernels of the networks on the CPU. [`Level::Portable`] gives the same bits on every machine and in the browser.
+    pub kernels: Level,
 }
 
 impl RelocalizerOptions {
@@ -52,6 +55,7 @@ impl RelocalizerOptions {
                 ..PoseOptions::default()
             },
             smoothing: Smoothing::Off,
+            kernels: Level::best(),
         }
     }
 }

@@ -1,6 +1,7 @@
 //! `landline demo`: locates the sample pictures and compares with their exact poses.
 
 use crate::picture;
+use crate::scene::KernelArgs;
 use anyhow::{Context as _, Result, bail, ensure};
 use landline::geometry::{CamFromWorld, Camera, CameraModel};
 use landline::image::{FrameView, PixelFormat};
@@ -28,6 +29,8 @@ pub struct Args {
     /// The extractor's file.
     #[arg(long, default_value = "dist/npm/landline/xfeat.safetensors")]
     extractor: PathBuf,
+    #[command(flatten)]
+    kernels: KernelArgs,
     /// Print JSON instead of a table.
     #[arg(long)]
     json: bool,
@@ -98,7 +101,9 @@ pub fn run(args: Args) -> Result<()> {
     )?;
     let extractor = read(&args.extractor)
         .context("`cargo xtask web` makes the extractor's file; `--extractor` names another")?;
-    let mut relocalizer = Relocalizer::from_bytes(&scene, &extractor, |_| {})?;
+    let mut relocalizer = Relocalizer::from_bytes(&scene, &extractor, |options| {
+        options.kernels = args.kernels.level();
+    })?;
     let mut rows = Vec::with_capacity(list.pictures.len());
     for picture in &list.pictures {
         rows.push(locate(&mut relocalizer, &list.camera, picture, &args.dir)?);

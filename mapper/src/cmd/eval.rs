@@ -7,7 +7,7 @@ use crate::extract::Extraction;
 use crate::labels::{LabelParams, Labels, build};
 use crate::picture;
 use crate::progress::Progress;
-use crate::scene::{ExtractorArgs, front_end_options, read_scene, relocalizer};
+use crate::scene::{ExtractorArgs, KernelArgs, front_end_options, read_scene, relocalizer};
 use anyhow::{Context, Result, bail};
 use landline::geometry::CamFromWorld;
 use landline::scene_file::SceneFile;
@@ -40,6 +40,8 @@ pub struct Args {
     /// Most lines that go to the solver.
     #[arg(long, value_name = "N")]
     max_lines: Option<usize>,
+    #[command(flatten)]
+    kernels: KernelArgs,
     /// Print JSON instead of the table.
     #[arg(long)]
     json: bool,
@@ -91,6 +93,7 @@ pub fn run(args: Args) -> Result<()> {
     let mut relocalizer = relocalizer(scene.clone(), extractor, |options| {
         options.max_points = args.max_points.unwrap_or(options.max_points);
         options.max_lines = args.max_lines.unwrap_or(options.max_lines);
+        options.kernels = args.kernels.level();
     })?;
     let bar = Progress::Terminal.bar("locating", tests.len());
     let evaluation = Evaluator::new(

@@ -3,7 +3,7 @@
 use crate::dataset::camera::CameraRecord;
 use crate::draw;
 use crate::picture;
-use crate::scene::{ExtractorArgs, read_scene, relocalizer};
+use crate::scene::{ExtractorArgs, KernelArgs, read_scene, relocalizer};
 use anyhow::{Context, Result};
 use landline::image::{FrameView, PixelFormat};
 use landline::relocalizer::{CameraSource, Outcome, Query, Relocalizer, Report};
@@ -25,6 +25,8 @@ pub struct Args {
     /// has the same size, else the focal length is solved with the pose.
     #[arg(long, value_name = "MODEL,W,H,...", value_parser = crate::dataset::parse_camera)]
     camera: Option<CameraRecord>,
+    #[command(flatten)]
+    kernels: KernelArgs,
     /// Print JSON, one object a line.
     #[arg(long)]
     json: bool,
@@ -46,7 +48,9 @@ pub fn run(args: Args) -> Result<()> {
         .map(CameraRecord::to_camera)
         .transpose()?;
     let scene_camera = scene.info.camera;
-    let mut relocalizer = relocalizer(scene, extractor, |_| {})?;
+    let mut relocalizer = relocalizer(scene, extractor, |options| {
+        options.kernels = args.kernels.level();
+    })?;
     for path in &args.pictures {
         let rgb = picture::read(path)?.into_rgb8();
         let fits = |c: &landline::geometry::Camera| (c.width, c.height) == rgb.dimensions();

@@ -3,11 +3,13 @@
 //! * **In and out**: as every [`Executor`].
 //! * **Method**: weights are packed once for the tiles of the machine's instruction set ([`Level`]); activations live in
 //!   one arena at the places of a [`Plan`]; bias, residual and ReLU are applied while a tile is in registers.
-//! * **Invariants**: results do not depend on the capacities; a run allocates nothing. Levels agree with the reference
-//!   ([`super::oracle`]) to rounding.
+//! * **Invariants**: results do not depend on the capacities, nor on the number of threads; a run allocates nothing. Levels
+//!   agree with the reference ([`super::oracle`]) to rounding; [`Level::Portable`] gives the same bits on every target.
+//!   With the feature `parallel` large operations are split over the threads of the `rayon` pool that the call comes from.
 //! * **Cost**: [`CpuExecutor::memory`] gives the bytes held.
 
 mod kernels;
+mod split;
 
 use std::ops::Range;
 
@@ -67,6 +69,8 @@ pub struct CpuExecutor {
     prepared: Vec<Prepared>,
     matrices: Vec<Packed>,
     counts: Vec<usize>,
+    threads: usize,
+    /// For each thread the room that the hungriest operation needs.
     scratch: Vec<f32>,
 }
 
@@ -171,6 +175,7 @@ impl CpuExecutor {
             .map(|node| scratch_len(&graph, node, &counts))
             .max()
             .unwrap_or(0);
+        let threads = split::threads();
         Ok(Self {
             graph,
             level,
@@ -179,7 +184,8 @@ impl CpuExecutor {
             prepared,
             matrices,
             counts,
-            scratch: vec![0.0; scratch],
+            threads,
+            scratch: vec![0.0; scratch * threads],
         })
     }
 
@@ -254,8 +260,10 @@ impl CpuExecutor {
         let residual = (node.inputs.len() > 1).then(|| rows(1));
         let out_tensor = node.outputs[0];
         let out_grid = grid_of(&out_tensor);
-        let filled = out_tensor.rows.at(&self.counts) * out_tensor.channels;
+        let second_width = node.outputs.get(1).map_or(0, |tensor| tensor.channels);
         let scratch = &mut self.scratch[..];
+        let parts = split::parts(self.threads, self.graph.node_macs(node, &self.counts));
+        let widths = [out_tensor.channels, second_width];
         let level = self.level;
         let matrices = match &self.prepared[step] {
             Prepared::Matrices(range) => &self.matrices[range.clone()],
@@ -269,34 +277,51 @@ impl CpuExecutor {
                 _,
             ) => {
                 let in_grid = grid_of(&node.inputs[0]);
-                conv3x3::convolution(Convolution {
-                    x: rows(0),
-                    in_size: [in_grid.height, in_grid.width],
-                    out_size: [out_grid.height, out_grid.width],
-                    step: *stride,
-                    matrix: &matrices[0],
-                    residual,
-                    relu: *activation == Activation::Relu,
-                    out,
-                    band: scratch,
+                let (x, width) = (rows(0), out_grid.width);
+                let strides = widths.map(|channels| channels * width);
+                let outs = [out, second_out];
+                split::by_rows(parts, out_grid.height, strides, outs, scratch, &|part| {
+                    let [out, _] = part.outs;
+                    let pixels = part.rows.start * width..part.rows.end * width;
+                    let filled = pixels.len() * out_tensor.channels;
+                    conv3x3::convolution(Convolution {
+                        x,
+                        in_size: [in_grid.height, in_grid.width],
+                        first_row: part.rows.start,
+                        out_size: [part.rows.len(), width],
+                        step: *stride,
+                        matrix: &matrices[0],
+                        residual: residual.map(|residual| residual.part(pixels)),
+                        relu: *activation == Activation::Relu,
+                        out,
+                        band: part.scratch,
+                    });
+                    finish_activation(level, *activation, &mut out[..filled]);
                 });
-                finish_activation(level, *activation, &mut out[..filled]);
             }
             (Op::Linear { activation, .. }, _) => {
                 let x = rows(0);
                 let depth = x.channels / matrices.len().max(1);
-                for (group, matrix) in matrices.iter().enumerate() {
-                    let first = group * matrix.columns();
-                    gemm::product(Product {
-                        x: x.window(group * depth, depth),
-                        matrix,
-                        residual: residual.map(|residual| residual.window(first, matrix.columns())),
-                        relu: *activation == Activation::Relu,
-                        out: &mut out[first..],
-                        out_stride: out_tensor.channels,
-                    });
-                }
-                finish_activation(level, *activation, &mut out[..filled]);
+                let outs = [out, second_out];
+                split::by_rows(parts, x.rows, widths, outs, scratch, &|part| {
+                    let [out, _] = part.outs;
+                    let filled = part.rows.len() * out_tensor.channels;
+                    let x = x.part(part.rows.clone());
+                    let residual = residual.map(|residual| residual.part(part.rows));
+                    for (group, matrix) in matrices.iter().enumerate() {
+                        let first = group * matrix.columns();
+                        gemm::product(Product {
+                            x: x.window(group * depth, depth),
+                            matrix,
+                            residual: residual
+                                .map(|residual| residual.window(first, matrix.columns())),
+                            relu: *activation == Activation::Relu,
+                            out: &mut out[first..],
+                            out_stride: out_tensor.channels,
+                        });
+                    }
+                    finish_activation(level, *activation, &mut out[..filled]);
+                });
             }
             (Op::Activate { activation }, _) => {
                 elementwise::add(level, rows(0), None, *activation, out)
@@ -351,19 +376,27 @@ impl CpuExecutor {
                     masked,
                 },
                 _,
-            ) => attention::attention(
-                level,
-                Attention {
-                    q: rows(0),
-                    k: rows(1),
-                    v: rows(2),
-                    keep: masked.then(|| rows(3)),
-                    heads: *heads,
-                    scale: *scale,
-                    out,
-                    scratch,
-                },
-            ),
+            ) => {
+                let (q, k, v) = (rows(0), rows(1), rows(2));
+                let keep = masked.then(|| rows(3));
+                let outs = [out, second_out];
+                split::by_rows(parts, q.rows, widths, outs, scratch, &|part| {
+                    let [out, _] = part.outs;
+                    attention::attention(
+                        level,
+                        Attention {
+                            q: q.part(part.rows),
+                            k,
+                            v,
+                            keep,
+                            heads: *heads,
+                            scale: *scale,
+                            out,
+                            scratch: part.scratch,
+                        },
+                    );
+                });
+            }
             (
                 Op::TokenPool {
                     heads,
@@ -387,14 +420,19 @@ impl CpuExecutor {
                 elementwise::sample(level, picture(), rows(1), Sampling { filter, x, y }, out);
             }
             (Op::SoftChoice { .. }, Prepared::Anchors(keys, values, sharpness)) => {
-                soft_choice::soft_choice(SoftChoice {
-                    x: rows(0),
-                    keys,
-                    values,
-                    sharpness: *sharpness,
-                    chosen: out,
-                    statistics: second_out,
-                    scratch,
+                let x = rows(0);
+                let outs = [out, second_out];
+                split::by_rows(parts, x.rows, widths, outs, scratch, &|part| {
+                    let [chosen, statistics] = part.outs;
+                    soft_choice::soft_choice(SoftChoice {
+                        x: x.part(part.rows),
+                        keys,
+                        values,
+                        sharpness: *sharpness,
+                        chosen,
+                        statistics,
+                        scratch: part.scratch,
+                    });
                 });
             }
             (Op::Keep { min_logit }, _) => {

@@ -12,17 +12,19 @@ pub(in crate::nn::cpu) struct Convolution<'a> {
     pub(in crate::nn::cpu) x: Rows<'a>,
     /// Height and width of the input.
     pub(in crate::nn::cpu) in_size: [usize; 2],
-    /// Height and width of the output.
+    /// The first row of the output that is computed.
+    pub(in crate::nn::cpu) first_row: usize,
+    /// Rows to compute and width of the output.
     pub(in crate::nn::cpu) out_size: [usize; 2],
     /// 1 or 2.
     pub(in crate::nn::cpu) step: usize,
     /// Weights, depth in the order tap row, tap column, channel.
     pub(in crate::nn::cpu) matrix: &'a Packed,
-    /// Added to the result.
+    /// Added to the result, from the first row computed on.
     pub(in crate::nn::cpu) residual: Option<Rows<'a>>,
     /// Whether negative results become zero.
     pub(in crate::nn::cpu) relu: bool,
-    /// Result pixels.
+    /// Result pixels, from the first row computed on.
     pub(in crate::nn::cpu) out: &'a mut [f32],
     /// Room for [`band_len`] numbers.
     pub(in crate::nn::cpu) band: &'a mut [f32],
@@ -55,6 +57,7 @@ fn conv_lanes<L: Lanes>(convolution: Convolution<'_>) {
     let Convolution {
         x,
         in_size: [in_height, in_width],
+        first_row,
         out_size,
         step,
         matrix,
@@ -90,7 +93,7 @@ fn conv_lanes<L: Lanes>(convolution: Convolution<'_>) {
     for out_y in 0..out_height {
         let inside = &mut band[column_len..(in_width + 1) * column_len];
         for tap in 0..3 {
-            let row = (out_y * step + tap).wrapping_sub(1);
+            let row = ((first_row + out_y) * step + tap).wrapping_sub(1);
             let places = inside
                 .chunks_exact_mut(column_len)
                 .map(|column| &mut column[tap * channels..][..channels]);

@@ -234,6 +234,15 @@ impl<'a> Rows<'a> {
         &self.data[row * self.stride..][..self.channels]
     }
 
+    /// Some of the rows.
+    pub(in crate::nn::cpu) fn part(self, rows: std::ops::Range<usize>) -> Self {
+        Self {
+            data: self.data.get(rows.start * self.stride..).unwrap_or(&[]),
+            rows: rows.len(),
+            ..self
+        }
+    }
+
     /// Some of the channels of all rows.
     pub(in crate::nn::cpu) fn window(self, first: usize, channels: usize) -> Self {
         Self {

@@ -1,8 +1,8 @@
 //! The inner loops: the only part of the runtime with SIMD and `unsafe`.
 //!
 //! Each kernel is generic over a vector type ([`lanes`]) and compiled for every instruction set of the target; the level
-//! is chosen once, when an executor is made. Natively the levels are AVX-512, AVX2 with FMA, NEON and plain Rust;
-//! in wasm it is simd128.
+//! is chosen once, when an executor is made. Natively the levels are AVX-512, AVX2 with FMA, NEON with FMA, and the portable one;
+//! in wasm there is the portable one only, by simd128.
 #![expect(
     unsafe_code,
     reason = "vector instructions and unchecked tile accesses; sizes are asserted before each loop"

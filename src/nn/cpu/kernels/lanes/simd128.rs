@@ -1,0 +1,76 @@
+//! The 128-bit vectors of WebAssembly.
+use std::arch::wasm32::*;
+
+use super::Lanes;
+
+/// Four numbers.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::nn::cpu::kernels) struct Simd128(v128);
+
+impl Lanes for Simd128 {
+    const INSTRUCTIONS: &'static str = "simd128";
+    const LANES: usize = 4;
+    // V8 on x86-64 has 15 vector registers to give: 8 accumulators, 2 of the matrix and the broadcasts fit.
+    const TILE_ROWS: usize = 4;
+    const NARROW_TILE_ROWS: usize = 8;
+
+    #[inline(always)]
+    fn splat(x: f32) -> Self {
+        Self(f32x4_splat(x))
+    }
+    #[inline(always)]
+    unsafe fn load(from: *const f32) -> Self {
+        // SAFETY: the caller allows four numbers.
+        Self(unsafe { v128_load(from.cast()) })
+    }
+    #[inline(always)]
+    unsafe fn store(self, to: *mut f32) {
+        // SAFETY: the caller allows four numbers.
+        unsafe { v128_store(to.cast(), self.0) }
+    }
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        Self(f32x4_add(self.0, other.0))
+    }
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        Self(f32x4_sub(self.0, other.0))
+    }
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        Self(f32x4_mul(self.0, other.0))
+    }
+    #[inline(always)]
+    fn div(self, other: Self) -> Self {
+        Self(f32x4_div(self.0, other.0))
+    }
+    #[inline(always)]
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        Self(f32x4_add(self.0, f32x4_mul(a.0, b.0)))
+    }
+    // The `p` forms are one instruction on x86; they differ only for NaN and the sign of zero.
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        Self(f32x4_pmax(self.0, other.0))
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        Self(f32x4_pmin(self.0, other.0))
+    }
+    #[inline(always)]
+    fn power_of_rounded(self) -> Self {
+        Self(i32x4_shl(i32x4_add(self.0, i32x4_splat(127)), 23))
+    }
+    #[inline(always)]
+    fn sum(self) -> f32 {
+        let x = self.0;
+        let two = f32x4_add(x, i32x4_shuffle::<2, 3, 0, 1>(x, x));
+        f32x4_extract_lane::<0>(two) + f32x4_extract_lane::<1>(two)
+    }
+    #[inline(always)]
+    fn largest(self) -> f32 {
+        let x = self.0;
+        let two = f32x4_pmax(x, i32x4_shuffle::<2, 3, 0, 1>(x, x));
+        f32x4_extract_lane::<0>(two).max(f32x4_extract_lane::<1>(two))
+    }
+}

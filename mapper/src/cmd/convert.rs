@@ -1,4 +1,4 @@
-//! `landline convert`: a foreign checkpoint becomes an extractor file or a scene file.
+//! `landline convert`: a foreign checkpoint becomes an extractor file or a scene file; a file of ours is stored anew.
 
 use crate::files::write_bytes;
 use crate::import::{ImportOptions, Imported, import};
@@ -6,16 +6,21 @@ use crate::weights::load_extractor;
 use anyhow::{Context as _, Result, bail, ensure};
 use clap::ValueEnum;
 use landline::models::{ExtractorKind, RegressorConfig, Sampler};
-use landline::scene_file::{ExtractorFile, Precision, SceneFile, SceneInfo};
+use landline::nn::Weights;
+use landline::scene_file::{
+    ExtractorFile, Precision, SceneFile, SceneFileError, SceneInfo, TrainingSummary,
+};
 use std::path::PathBuf;
 
-/// Convert a checkpoint (XFeat, SuperPoint, PL2Map, the paper's network) to Landline's format.
+/// Convert a checkpoint (XFeat, SuperPoint, PL2Map, the paper's network) to Landline's format, or a Landline file to another
+/// precision.
 ///
 /// Reads PyTorch files (.pt, .pth, .pth.tar) without executing anything in them, and safetensors. An extractor becomes an
-/// extractor file; a regressor becomes a scene file and needs `--trained-with`, the extractor of its training.
+/// extractor file; a regressor becomes a scene file and needs `--trained-with`, the extractor of its training. Of a scene or
+/// extractor file only the storage of its weights changes.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The checkpoint.
+    /// The checkpoint, or a Landline file.
     checkpoint: PathBuf,
     /// The file to write: NAME.safetensors for an extractor, NAME.landline for a scene.
     out: PathBuf,
@@ -23,7 +28,7 @@ pub struct Args {
     #[arg(long, value_name = "NAME")]
     extractor: Option<String>,
     /// How weights are stored.
-    #[arg(long, value_enum, default_value_t = PrecisionArg::F16)]
+    #[arg(long, alias = "weights", value_enum, default_value_t = PrecisionArg::F16)]
     precision: PrecisionArg,
     /// Refuse the checkpoint unless it has this SHA-256.
     #[arg(long)]
@@ -31,9 +36,9 @@ pub struct Args {
     /// Regressors: the extractor that it was trained with, converted or as checkpoint.
     #[arg(long, value_name = "FILE")]
     trained_with: Option<PathBuf>,
-    /// Regressors: attention heads.
-    #[arg(long, default_value_t = 4)]
-    heads: usize,
+    /// Regressors: attention heads; 4 when not given.
+    #[arg(long)]
+    heads: Option<usize>,
     /// Regressors: confidence threshold of points instead of the published one.
     #[arg(long)]
     min_point_confidence: Option<f32>,
@@ -69,83 +74,146 @@ impl From<PrecisionArg> for Precision {
     }
 }
 
+/// What goes into the file.
+enum Content {
+    Extractor(ExtractorFile),
+    Scene(Box<SceneFile>),
+}
+
+impl Content {
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Extractor(file) => file.kind.name(),
+            Self::Scene(scene) => scene.config.variant().name(),
+        }
+    }
+
+    /// Notes where the weights came from and under which licence they are.
+    fn describe(&mut self, source: Option<String>, licence: Option<String>) {
+        match self {
+            Self::Extractor(file) => {
+                file.source = source.unwrap_or(std::mem::take(&mut file.source));
+                file.licence = licence.unwrap_or(std::mem::take(&mut file.licence));
+            }
+            Self::Scene(scene) => {
+                if let Some(source) = source {
+                    scene.info.training.get_or_insert_default().source = source;
+                }
+                if let Some(licence) = licence {
+                    scene.info.licence = licence;
+                }
+            }
+        }
+    }
+
+    fn to_bytes(&self, precision: Precision) -> Result<Vec<u8>, SceneFileError> {
+        match self {
+            Self::Extractor(file) => file.to_bytes(precision),
+            Self::Scene(scene) => scene.to_bytes(precision),
+        }
+    }
+}
+
 /// Runs the command.
 ///
 /// # Errors
-/// When the checkpoint cannot be read or converted, or the file cannot be written.
+/// When the file cannot be read or converted, or the new one cannot be written.
 pub fn run(args: Args) -> Result<()> {
-    let bytes = std::fs::read(&args.checkpoint)
-        .with_context(|| format!("cannot read {}", args.checkpoint.display()))?;
+    let name = args.checkpoint.display();
+    let bytes = std::fs::read(&args.checkpoint).with_context(|| format!("cannot read {name}"))?;
     if let Some(expected) = &args.sha256 {
         let found = crate::import::sha256_hex(&bytes);
         ensure!(
             found.eq_ignore_ascii_case(expected),
-            "{} has SHA-256 {found}, expected {expected}",
-            args.checkpoint.display()
+            "{name} has SHA-256 {found}, expected {expected}"
         );
     }
+    let own = read_own(&bytes).with_context(|| format!("cannot convert {name}"))?;
+    let mut content = match own {
+        Some(own) => {
+            let foreign = args.trained_with.is_some()
+                || args.heads.is_some()
+                || args.min_point_confidence.is_some()
+                || args.min_line_confidence.is_some();
+            ensure!(
+                !foreign,
+                "{name} is a Landline file and knows its network: --trained-with, --heads and the thresholds are for foreign checkpoints"
+            );
+            own
+        }
+        None => read_foreign(&args, &bytes)?,
+    };
+    if let Some(expected) = &args.extractor {
+        let found = content.name();
+        ensure!(found == expected, "{name} holds {found}, not {expected}");
+    }
+    content.describe(args.source, args.licence);
+    let written = content.to_bytes(args.precision.into())?;
+    write_bytes(&args.out, &written)?;
+    let kind = match &content {
+        Content::Extractor(_) => "extractor",
+        Content::Scene(_) => "scene of variant",
+    };
+    println!(
+        "{}: {kind} {}, {} bytes",
+        args.out.display(),
+        content.name(),
+        written.len()
+    );
+    Ok(())
+}
+
+/// A file of our own, to be stored in another precision; `None` for foreign and for damaged ones.
+fn read_own(bytes: &[u8]) -> Result<Option<Content>, SceneFileError> {
+    match SceneFile::from_bytes(bytes) {
+        Ok(scene) => Ok(Some(Content::Scene(Box::new(scene)))),
+        Err(SceneFileError::Kind { found, .. }) if found == "extractor" => {
+            Ok(Some(Content::Extractor(ExtractorFile::from_bytes(bytes)?)))
+        }
+        // What cannot be parsed may be a PyTorch checkpoint; the importer says what is wrong with it otherwise.
+        Err(
+            SceneFileError::NotLandline { .. }
+            | SceneFileError::TooLarge { .. }
+            | SceneFileError::Truncated { .. }
+            | SceneFileError::HeaderTooLong { .. }
+            | SceneFileError::Header { .. },
+        ) => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+fn read_foreign(args: &Args, bytes: &[u8]) -> Result<Content> {
+    let name = args.checkpoint.display();
+    let default = ImportOptions::default();
     let options = ImportOptions {
-        heads: args.heads,
+        heads: args.heads.unwrap_or(default.heads),
         min_point_confidence: args.min_point_confidence,
         min_line_confidence: args.min_line_confidence,
-        ..ImportOptions::default()
+        ..default
     };
-    let imported = import(&bytes, &options)
-        .with_context(|| format!("cannot convert {}", args.checkpoint.display()))?;
-    if let Some(expected) = &args.extractor {
-        let found = match &imported {
-            Imported::Extractor(file) => file.kind.name(),
-            Imported::Regressor { config, .. } => config.variant().name(),
-        };
-        ensure!(
-            found == expected,
-            "{} holds {found}, not {expected}",
-            args.checkpoint.display()
-        );
-    }
-    let precision = args.precision.into();
-    let (written, what) = match imported {
-        Imported::Extractor(mut file) => {
-            if let Some(source) = args.source {
-                file.source = source;
-            }
-            if let Some(licence) = args.licence {
-                file.licence = licence;
-            }
-            (
-                file.to_bytes(precision)?,
-                format!("extractor {}", file.kind.name()),
-            )
-        }
+    match import(bytes, &options).with_context(|| format!("cannot convert {name}"))? {
+        Imported::Extractor(file) => Ok(Content::Extractor(file)),
         Imported::Regressor { config, weights } => {
             let Some(path) = &args.trained_with else {
                 bail!(
-                    "{} is a regressor ({}); give the extractor that it was trained with as --trained-with FILE",
-                    args.checkpoint.display(),
+                    "{name} is a regressor ({}); give the extractor that it was trained with as --trained-with FILE",
                     config.variant().name()
                 );
             };
             let extractor = load_extractor(path)?;
-            let scene = imported_scene(&extractor, config, weights, args.source, args.licence)?;
-            (
-                scene.to_bytes(precision)?,
-                format!("scene of variant {}", scene.config.variant().name()),
-            )
+            Ok(Content::Scene(Box::new(imported_scene(
+                &extractor, config, weights,
+            ))))
         }
-    };
-    write_bytes(&args.out, &written)?;
-    println!("{}: {what}, {} bytes", args.out.display(), written.len());
-    Ok(())
+    }
 }
 
-/// A scene file for an imported regressor: raw world coordinates, the reference's sampler, segments half a pixel off.
+/// A scene for an imported regressor: raw world coordinates, the reference's sampler, segments half a pixel off.
 fn imported_scene(
     extractor: &ExtractorFile,
     config: RegressorConfig,
-    weights: landline::nn::Weights,
-    source: Option<String>,
-    licence: Option<String>,
-) -> Result<SceneFile> {
+    weights: Weights,
+) -> SceneFile {
     let mut info = SceneInfo::new(extractor.kind, extractor.source_sha256.clone());
     info.sampler = match extractor.kind {
         ExtractorKind::Xfeat => Sampler::Xfeat,
@@ -154,14 +222,10 @@ fn imported_scene(
     };
     info.line_halfpixel = false;
     info.working_max_side = 1024;
-    info.licence = licence.unwrap_or_default();
-    info.training = Some(landline::scene_file::TrainingSummary {
-        source: source.unwrap_or_default(),
-        ..Default::default()
-    });
-    Ok(SceneFile {
+    info.training = Some(TrainingSummary::default());
+    SceneFile {
         info,
         config,
         weights,
-    })
+    }
 }

@@ -50,6 +50,7 @@ fn card(bytes: &[u8], tensors: bool, json: bool) -> Result<String, SceneFileErro
     if json {
         return Ok(serde_json::json!(file.metadata()).to_string());
     }
+    line(&mut out, "weights", &storage(&file));
     line(
         &mut out,
         "checked",
@@ -67,6 +68,36 @@ fn card(bytes: &[u8], tensors: bool, json: bool) -> Result<String, SceneFileErro
     }
     out.pop();
     Ok(out)
+}
+
+/// How the weights are stored: numbers by element type, the row factors of 8-bit tensors not counted.
+fn storage(file: &TensorFile<'_>) -> String {
+    let entries = file.entries();
+    let is_factor = |name: &str| {
+        let base = name.strip_suffix(".scale");
+        base.is_some_and(|base| {
+            entries
+                .iter()
+                .any(|(n, element, _)| *n == base && element == "I8")
+        })
+    };
+    let kinds = [
+        ("I8", "8-bit with a factor for each row"),
+        ("F16", "16-bit"),
+        ("F32", "32-bit"),
+    ];
+    let parts: Vec<String> = kinds
+        .into_iter()
+        .filter_map(|(kind, words)| {
+            let numbers: usize = entries
+                .iter()
+                .filter(|(name, element, _)| element == kind && !is_factor(name))
+                .map(|(_, _, shape)| shape.iter().product::<usize>())
+                .sum();
+            (numbers > 0).then(|| format!("{} {words}", group(numbers)))
+        })
+        .collect();
+    parts.join(", ")
 }
 
 fn line(out: &mut String, key: &str, value: &str) {

@@ -4,12 +4,11 @@ use crate::golden::{Golden, cosine, relative_error};
 use landline::features::{Extractor, ExtractorOptions, FeatureSet, Keypoint, write_gray};
 use landline::models::{ExtractorKind, Sampler, ports};
 use landline::nn::cpu::CpuExecutor;
-use landline::nn::{Executor, WeightTensor, Weights};
-use landline::scene_file::{Element, ExtractorFile, Precision, serialize};
+use landline::nn::{Executor, Weights};
+use landline::scene_file::{ExtractorFile, Precision};
 use landline_mapper::import::{ImportOptions, Imported, import};
 use landline_mapper::picture;
 use landline_testkit::{shared_data, skip};
-use std::collections::BTreeMap;
 use std::path::Path;
 
 /// The converted extractor from the checkpoint that a variable names, through its file in this precision.
@@ -211,56 +210,4 @@ fn superpoint_open_agrees_with_the_reference() {
     println!("{identical:.4} of the keypoints identical, smallest cosine {smallest:.6}");
     assert!(identical >= 0.99, "{identical}");
     assert!(smallest > 0.999, "{smallest}");
-}
-
-#[test]
-fn the_first_superpoint_release_is_a_renaming() {
-    // Its weights may not be passed on, so a file with its names and sizes stands in.
-    let layers = [
-        ("conv1a", "encoder.0"),
-        ("conv1b", "encoder.1"),
-        ("conv2a", "encoder.2"),
-        ("conv2b", "encoder.3"),
-        ("conv3a", "encoder.4"),
-        ("conv3b", "encoder.5"),
-        ("conv4a", "encoder.6"),
-        ("conv4b", "encoder.7"),
-        ("convPa", "detector.0"),
-        ("convPb", "detector.1"),
-        ("convDa", "descriptor.0"),
-        ("convDb", "descriptor.1"),
-    ];
-    let specs = ExtractorKind::SuperPointV1.tensors();
-    let mut foreign = Weights::new();
-    for (number, (theirs, ours)) in layers.iter().enumerate() {
-        for (part, long) in [("w", "weight"), ("b", "bias")] {
-            let name = format!("{ours}.{part}");
-            let spec = specs
-                .iter()
-                .find(|s| s.name == name)
-                .expect("a known layer");
-            let mut shape = spec.shape.clone();
-            if part == "w" {
-                shape.resize(4, 1);
-            }
-            let n = shape.iter().product();
-            let tensor = WeightTensor::f32(&shape, vec![number as f32; n]).expect("sizes agree");
-            foreign.insert(format!("{theirs}.{long}"), tensor);
-        }
-    }
-    let bytes = serialize(&BTreeMap::new(), &foreign, |_, _| Element::F32).expect("writes");
-    let imported = import(&bytes, &ImportOptions::default()).expect("converts");
-    let Imported::Extractor(file) = imported else {
-        panic!("not an extractor")
-    };
-    assert_eq!(file.kind, ExtractorKind::SuperPointV1);
-    file.kind.check_weights(&file.weights).expect("complete");
-    for (number, (_, ours)) in layers.iter().enumerate() {
-        let w = file.weights.get(&format!("{ours}.w")).expect("present");
-        assert!(w.to_f32().iter().all(|x| *x == number as f32), "{ours}");
-    }
-    foreign.remove("convDb.bias");
-    let bytes = serialize(&BTreeMap::new(), &foreign, |_, _| Element::F32).expect("writes");
-    let error = import(&bytes, &ImportOptions::default()).expect_err("a tensor is missing");
-    assert!(error.to_string().contains("convDb.bias"), "{error}");
 }

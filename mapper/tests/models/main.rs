@@ -5,3 +5,5 @@ mod golden;
 mod hostile;
 mod memory;
 mod regressors;
+mod threads;
+mod torch;

@@ -54,7 +54,8 @@ pub(crate) fn peak_bytes<T>(f: impl FnOnce() -> T) -> (T, usize) {
 /// What a page may spend on a frame, from the files' bytes to the scene points.
 const FRAME_BUDGET: usize = 80_000_000;
 
-fn noise(specs: Vec<TensorSpec>) -> Weights {
+/// Small random weights.
+pub(crate) fn noise(specs: Vec<TensorSpec>) -> Weights {
     let mut state = 9_u32;
     let mut next = move || {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);

@@ -3,11 +3,14 @@
 use crate::golden::{Golden, relative_error};
 use landline::features::{FeatureSet, Keypoint};
 use landline::geometry::{Pixel, SceneScale, Segment2};
-use landline::models::{LineBranchConfig, PointBranchConfig, RegressorConfig, ports};
+use landline::models::{
+    ExtractorKind, LineBranchConfig, PointBranchConfig, RegressorConfig, ports,
+};
 use landline::nn::cpu::CpuExecutor;
 use landline::nn::oracle::OracleExecutor;
 use landline::nn::{Executor, Graph, Weights};
 use landline::regress::{Predictions, Regressor};
+use landline::scene_file::{Precision, SceneFile, SceneInfo};
 use landline_mapper::import::{ImportOptions, Imported, import};
 use landline_testkit::shared_data;
 use std::path::Path;
@@ -196,5 +199,73 @@ fn v1_agrees_with_the_reference() {
             net.output(ports::LINES_3D).expect("output"),
             &golden.rows("lines3d"),
         );
+    }
+}
+
+/// Share of the smaller list that both have, and the largest distance of common ones relative to the size of the scene.
+fn agreement(a: &Predictions, b: &Predictions) -> (f64, f64) {
+    let size = a
+        .points
+        .iter()
+        .map(|p| p.point_in_world.norm())
+        .fold(0.0, f64::max);
+    let mut common = 0;
+    let mut farthest = 0.0_f64;
+    for (row, point) in a.point_rows.iter().zip(&a.points) {
+        if let Some(other) = b.point_rows.iter().position(|r| r == row) {
+            common += 1;
+            let apart = point.point_in_world - b.points[other].point_in_world;
+            farthest = farthest.max(apart.norm() / size);
+        }
+    }
+    let fewer = a.points.len().min(b.points.len()).max(1);
+    (f64::from(common) / fewer as f64, farthest)
+}
+
+/// What storing in 16 or 8 bits costs the networks of the reference, whose weights are random: trained ones are evened out by
+/// their many elements no less.
+#[test]
+fn stored_precisions_stay_close_to_the_full_network() {
+    let Some(dir) = shared_data("data/golden/regressor") else {
+        return;
+    };
+    for name in ["proposed", "v1"] {
+        let golden = Golden::read(&dir.join(format!("{name}_io.safetensors")));
+        let options = ImportOptions {
+            min_point_confidence: Some(0.0),
+            min_line_confidence: Some(0.0),
+            ..ImportOptions::default()
+        };
+        let (config, weights) = regressor(&dir.join(format!("{name}.pth.tar")), &options);
+        let set = features(&golden);
+        let scene = SceneFile {
+            info: SceneInfo::new(ExtractorKind::Xfeat, "0".repeat(64)),
+            config,
+            weights,
+        };
+        let run = |precision: Precision| {
+            let bytes = scene.to_bytes(precision).expect("writes");
+            let read = SceneFile::from_bytes(&bytes).expect("reads its own file");
+            let scale = SceneScale::default();
+            let mut regressor =
+                Regressor::new(&read.config, read.weights, scale, 64, 16).expect("weights fit");
+            let mut out = Predictions::default();
+            regressor.run(&set, &mut out).expect("runs");
+            (out, bytes.len())
+        };
+        let (full, full_len) = run(Precision::F32);
+        for (precision, most_bytes, most_apart) in
+            [(Precision::F16, 0.55, 2e-3), (Precision::Int8, 0.33, 3e-2)]
+        {
+            let (out, len) = run(precision);
+            let (common, apart) = agreement(&full, &out);
+            let share = len as f64 / full_len as f64;
+            println!(
+                "{name} {precision:?}: {share:.2} of the bytes, {common:.3} kept, {apart:.1e} apart"
+            );
+            assert!(share < most_bytes, "{name} {precision:?}: {share}");
+            assert!(common == 1.0, "{name} {precision:?}: {common}");
+            assert!(apart < most_apart, "{name} {precision:?}: {apart}");
+        }
     }
 }

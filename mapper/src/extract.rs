@@ -1,5 +1,6 @@
 //! Features of a data set's pictures, by the same front end as the relocalizer, extracted once and cached.
 
+use crate::augment::Variant;
 use crate::dataset::DatasetImage;
 use crate::feature_cache::{FeatureCache, FeatureCacheError, ImageFeatures};
 use crate::picture::{self, PictureError};
@@ -70,12 +71,37 @@ impl Extraction {
     /// # Errors
     /// When the picture cannot be read or the cache cannot be used.
     pub fn features(&self, image: &DatasetImage) -> Result<ImageFeatures, ExtractError> {
+        self.cached(&image.name, image, |gray| gray)
+    }
+
+    /// Features of the `index`-th variant of a picture, in pixels of the unchanged picture.
+    ///
+    /// # Errors
+    /// As [`Self::features`].
+    pub fn variant_features(
+        &self,
+        image: &DatasetImage,
+        index: usize,
+    ) -> Result<ImageFeatures, ExtractError> {
+        let variant = Variant::draw(&image.name, index);
+        let name = format!("variants/{index}/{}", image.name);
+        let features = self.cached(&name, image, |gray| variant.apply(&gray))?;
+        let (width, height) = (image.camera.width as usize, image.camera.height as usize);
+        Ok(variant.to_source(&features, width, height))
+    }
+
+    fn cached(
+        &self,
+        name: &str,
+        image: &DatasetImage,
+        change: impl FnOnce(GrayImage) -> GrayImage,
+    ) -> Result<ImageFeatures, ExtractError> {
         if let Some(cache) = &self.cache {
-            if let Some(features) = cache.read(&image.name)? {
+            if let Some(features) = cache.read(name)? {
                 return Ok(features);
             }
         }
-        let gray = picture::read_gray(&image.path)?;
+        let gray = change(picture::read_gray(&image.path)?);
         let idle = self.idle.lock().map(|mut idle| idle.pop()).unwrap_or(None);
         let mut front_end = match idle {
             Some(front_end) => front_end,
@@ -89,7 +115,7 @@ impl Extraction {
             idle.push(front_end);
         }
         if let Some(cache) = &self.cache {
-            cache.write(&image.name, &features)?;
+            cache.write(name, &features)?;
         }
         Ok(features)
     }
@@ -110,6 +136,29 @@ impl Extraction {
                 let features = self.features(image);
                 bar.inc(1);
                 features
+            })
+            .collect();
+        bar.finish();
+        features
+    }
+
+    /// Features of `count` variants of each picture, with the picture's index: all of the first picture, then the second.
+    ///
+    /// # Errors
+    /// The first one that [`Self::variant_features`] meets.
+    pub fn all_variants(
+        &self,
+        images: &[&DatasetImage],
+        count: usize,
+        progress: Progress,
+    ) -> Result<Vec<(usize, ImageFeatures)>, ExtractError> {
+        let bar = progress.bar("extracting variants", images.len() * count);
+        let features = (0..images.len() * count)
+            .into_par_iter()
+            .map(|i| {
+                let features = self.variant_features(images[i / count], i % count)?;
+                bar.inc(1);
+                Ok((i / count, features))
             })
             .collect();
         bar.finish();

@@ -1,5 +1,6 @@
 //! Library behind the native tool `landline`: data set readers, labels, training, evaluation, model conversion.
 
+pub mod augment;
 pub mod cmd;
 pub mod dataset;
 pub mod draw;

@@ -1,4 +1,5 @@
-//! Branches anchored on learned landmarks (preset `compact`).
+//! Branches anchored on learned landmarks (preset `compact`), and the part of them that ends the attention branches of
+//! `standard`.
 //!
 //! A unit descriptor is compared with `K` learned unit keys; a softmax with learned sharpness chooses softly among the
 //! keys' 3D values (positions, or segments as start and end). A small MLP on the descriptor and the statistics of the choice
@@ -17,7 +18,24 @@ use crate::nn::{
 use serde::{Deserialize, Serialize};
 
 /// Norms below this count as zero, as in the extractors.
-const UNIT_EPS: f32 = 1e-12;
+pub(super) const UNIT_EPS: f32 = 1e-12;
+
+/// What an attention branch makes of its features.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum AttentionOutput {
+    /// The paper's: the last layer of the head gives the coordinates.
+    #[default]
+    Linear,
+    /// A linear layer on the features shifts the descriptor, the unit result chooses softly among learned landmarks, and the
+    /// head adds an offset. Where shift and offset are zero, the branch is the landmarks.
+    Anchored {
+        /// Landmarks.
+        num_anchors: usize,
+        /// Hidden width of the reliability MLP.
+        reliability_hidden: usize,
+    },
+}
 
 /// How the tokens of a segment become one descriptor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -63,9 +81,9 @@ pub struct AnchoredLineConfig {
     pub reliability_hidden: usize,
 }
 
-/// The part that both branches share, from a unit descriptor on.
+/// The part that all anchored branches share, from a unit descriptor on.
 #[derive(Debug, Clone, Copy)]
-struct Choice {
+pub(super) struct Choice {
     /// `point` or `line`.
     prefix: &'static str,
     /// Name of the value tensor.
@@ -78,7 +96,41 @@ struct Choice {
 }
 
 impl Choice {
-    fn validate(&self) -> Result<(), ModelError> {
+    /// Among points for descriptors of `key_channels`; `None` for the linear output.
+    pub(super) fn of_points(output: AttentionOutput, key_channels: usize) -> Option<Self> {
+        Self::of(output, "point", "positions", key_channels, 3)
+    }
+
+    /// Among segments.
+    pub(super) fn of_segments(output: AttentionOutput, key_channels: usize) -> Option<Self> {
+        Self::of(output, "line", "segments", key_channels, 6)
+    }
+
+    fn of(
+        output: AttentionOutput,
+        prefix: &'static str,
+        values: &'static str,
+        key_channels: usize,
+        value_channels: usize,
+    ) -> Option<Self> {
+        match output {
+            AttentionOutput::Linear => None,
+            AttentionOutput::Anchored {
+                num_anchors,
+                reliability_hidden,
+            } => Some(Self {
+                prefix,
+                values,
+                key_channels,
+                value_channels,
+                num_anchors,
+                offset_hidden: 0,
+                reliability_hidden,
+            }),
+        }
+    }
+
+    pub(super) fn validate(&self) -> Result<(), ModelError> {
         check_size("num_anchors", self.num_anchors, 1, 65_536)?;
         check_size("key_channels", self.key_channels, 1, 1024)?;
         check_size("offset_hidden", self.offset_hidden, 0, 1024)?;
@@ -102,7 +154,7 @@ impl Choice {
         out
     }
 
-    fn tensors(&self, specs: &mut Specs) {
+    pub(super) fn tensors(&self, specs: &mut Specs) {
         let anchor = format!("{}.anchor", self.prefix);
         specs.add(
             format!("{anchor}.keys"),
@@ -118,7 +170,11 @@ impl Choice {
         }
     }
 
-    fn prepare(&self, weights: &mut Weights, made: &mut Weights) -> Result<(), ModelError> {
+    pub(super) fn prepare(
+        &self,
+        weights: &mut Weights,
+        made: &mut Weights,
+    ) -> Result<(), ModelError> {
         let anchor = format!("{}.anchor", self.prefix);
         let key_shape = [self.num_anchors, self.key_channels];
         let keys_name = format!("{anchor}.keys");
@@ -157,7 +213,8 @@ impl Choice {
         Ok(())
     }
 
-    fn graph(&self, g: &mut GraphBuilder, descriptor: Tensor) {
+    /// Coordinates and reliability logits for unit descriptors.
+    pub(super) fn graph(&self, g: &mut GraphBuilder, descriptor: Tensor) -> [Tensor; 2] {
         let [chosen, statistics] = g.soft_choice(
             descriptor,
             &format!("{}.anchor", self.prefix),
@@ -189,7 +246,6 @@ impl Choice {
             1,
             None,
         );
-        g.output(ports::LOGITS, logits);
         let coordinates = if self.offset_hidden > 0 {
             mlp(
                 g,
@@ -201,8 +257,27 @@ impl Choice {
         } else {
             chosen
         };
+        [coordinates, logits]
+    }
+
+    /// As [`Self::graph`], for a branch that ends here.
+    fn outputs(&self, g: &mut GraphBuilder, descriptor: Tensor) {
+        let [coordinates, logits] = self.graph(g, descriptor);
+        g.output(ports::LOGITS, logits);
         g.output(ports::COORDINATES, coordinates);
     }
+}
+
+/// The mean over the tokens of a segment as a linear layer `[channels, tokens * channels]`.
+pub(super) fn mean_pool(channels: usize, tokens: usize) -> Result<WeightTensor, ModelError> {
+    let input = tokens * channels;
+    let mut w = vec![0.0; channels * input];
+    for (channel, row) in w.chunks_exact_mut(input).enumerate() {
+        for token in row.chunks_exact_mut(channels) {
+            token[channel] = 1.0 / tokens as f32;
+        }
+    }
+    Ok(WeightTensor::f32(&[channels, input], w)?)
 }
 
 impl AnchoredPointConfig {
@@ -233,7 +308,7 @@ impl AnchoredPointConfig {
         let mut g = GraphBuilder::new("anchored point branch");
         let points = g.count(ports::POINTS, capacity);
         let x = g.input_rows(ports::DESCRIPTORS, points, self.descriptor_channels);
-        self.choice().graph(&mut g, x);
+        self.choice().outputs(&mut g, x);
         Ok(g.finish()?)
     }
 
@@ -297,7 +372,7 @@ impl AnchoredLineConfig {
             Dense::new("line.pool", self.key_channels).without_bias(),
         );
         let descriptor = g.l2_norm(pooled, UNIT_EPS);
-        self.choice().graph(&mut g, descriptor);
+        self.choice().outputs(&mut g, descriptor);
         Ok(g.finish()?)
     }
 
@@ -306,14 +381,10 @@ impl AnchoredLineConfig {
         match self.pool {
             LinePool::Learned => pass(weights, &mut made, "line.pool.w", &self.pool_shape())?,
             LinePool::Mean => {
-                let [out, input] = self.pool_shape();
-                let mut w = vec![0.0; out * input];
-                for (channel, row) in w.chunks_exact_mut(input).enumerate() {
-                    for token in row.chunks_exact_mut(self.descriptor_channels) {
-                        token[channel] = 1.0 / self.tokens as f32;
-                    }
-                }
-                made.insert("line.pool.w", WeightTensor::f32(&[out, input], w)?);
+                made.insert(
+                    "line.pool.w",
+                    mean_pool(self.descriptor_channels, self.tokens)?,
+                );
             }
         }
         self.choice().prepare(weights, &mut made)?;

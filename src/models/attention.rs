@@ -101,18 +101,27 @@ impl Mlp<'_> {
     }
 
     pub(super) fn graph(&self, g: &mut GraphBuilder, x: Tensor) -> Tensor {
+        self.graph_onto(g, x, None)
+    }
+
+    /// The MLP's output added to `base`.
+    pub(super) fn graph_onto(
+        &self,
+        g: &mut GraphBuilder,
+        x: Tensor,
+        base: Option<Tensor>,
+    ) -> Tensor {
         let last = self.widths.len() - 2;
         let mut y = x;
         for (i, width) in self.widths[1..].iter().enumerate() {
-            let activation = if i < last {
-                Activation::Relu
-            } else {
-                Activation::None
+            let name = format!("{}.{i}", self.name);
+            let layer = Dense::new(&name, *width);
+            let layer = match base {
+                _ if i < last => layer.activation(Activation::Relu),
+                Some(base) => layer.residual(base),
+                None => layer,
             };
-            y = g.linear(
-                y,
-                Dense::new(&format!("{}.{i}", self.name), *width).activation(activation),
-            );
+            y = g.linear(y, layer);
         }
         y
     }
@@ -187,16 +196,17 @@ impl AttentionLayer {
         ]
     }
 
-    /// The layer's output for `x`, given its query and the source's keys and values.
+    /// The layer's output for `x`, given its query and the source's keys and values, and which of these take part.
     pub(super) fn update(
         &self,
         g: &mut GraphBuilder,
         name: &str,
         x: Tensor,
         qkv: [Tensor; 3],
+        keep: Option<Tensor>,
     ) -> Tensor {
         let scale = 1.0 / ((self.width / self.heads) as f32).sqrt();
-        let message = g.attention(qkv, self.heads, scale, None);
+        let message = g.attention(qkv, self.heads, scale, keep);
         let own = g.linear(
             x,
             Dense::new(&format!("{name}.own"), self.mlp_hidden).without_bias(),
@@ -213,10 +223,16 @@ impl AttentionLayer {
         )
     }
 
-    /// Self-attention.
-    pub(super) fn graph(&self, g: &mut GraphBuilder, name: &str, x: Tensor) -> Tensor {
+    /// Self-attention; `keep` is positive for rows that others attend to.
+    pub(super) fn graph(
+        &self,
+        g: &mut GraphBuilder,
+        name: &str,
+        x: Tensor,
+        keep: Option<Tensor>,
+    ) -> Tensor {
         let qkv = self.project(g, name, x);
-        self.update(g, name, x, qkv)
+        self.update(g, name, x, qkv, keep)
     }
 }
 

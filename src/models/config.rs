@@ -2,8 +2,8 @@
 
 use super::error::{ModelError, check_size};
 use super::{
-    AnchoredLineConfig, AnchoredPointConfig, AttentionLineConfig, AttentionPointConfig, LinePool,
-    V1Config,
+    AnchoredLineConfig, AnchoredPointConfig, AttentionLineConfig, AttentionOutput,
+    AttentionPointConfig, LinePool, V1Config,
 };
 use crate::nn::{Graph, Weights};
 use serde::{Deserialize, Serialize};
@@ -38,7 +38,7 @@ impl Variant {
 pub enum Preset {
     /// The paper's sizes: 8.3 M parameters.
     Paper,
-    /// The same network, sized for a CPU.
+    /// The same network sized for a CPU, with a choice among landmarks as its output.
     Standard,
     /// Anchored on learned landmarks, under 1 MB as a file. The default.
     Compact,
@@ -172,8 +172,10 @@ pub enum RegressorConfig {
 impl RegressorConfig {
     /// A named configuration for an extractor's descriptor size.
     pub fn preset(preset: Preset, descriptor_channels: usize) -> Self {
-        let attention =
-            |width, num_layers, ff, point_head: &[usize], line_head: &[usize]| Self::Branches {
+        let attention = |width, num_layers, ff, heads: [&[usize]; 2], outputs: [_; 2]| {
+            let [point_head, line_head] = heads;
+            let [point_output, line_output] = outputs;
+            Self::Branches {
                 point: PointBranchConfig::Attention(AttentionPointConfig {
                     descriptor_channels,
                     width,
@@ -183,6 +185,7 @@ impl RegressorConfig {
                     prune_hidden: width,
                     head_hidden: point_head.to_vec(),
                     min_confidence: 0.8,
+                    output: point_output,
                 }),
                 line: Some(LineBranchConfig::Attention(AttentionLineConfig {
                     descriptor_channels,
@@ -195,11 +198,29 @@ impl RegressorConfig {
                     prune_hidden: width,
                     head_hidden: line_head.to_vec(),
                     min_confidence: 0.01,
+                    output: line_output,
                 })),
-            };
+            }
+        };
+        let anchored = |num_anchors| AttentionOutput::Anchored {
+            num_anchors,
+            reliability_hidden: 64,
+        };
         match preset {
-            Preset::Paper => attention(256, 5, 1024, &[512, 1024, 1024, 512], &[512, 1024, 512]),
-            Preset::Standard => attention(128, 3, 256, &[384, 512, 384], &[384, 384]),
+            Preset::Paper => attention(
+                256,
+                5,
+                1024,
+                [&[512, 1024, 1024, 512], &[512, 1024, 512]],
+                [AttentionOutput::Linear; 2],
+            ),
+            Preset::Standard => attention(
+                128,
+                3,
+                256,
+                [&[256], &[256]],
+                [anchored(2048), anchored(1024)],
+            ),
             Preset::Compact => Self::Branches {
                 point: PointBranchConfig::Anchored(AnchoredPointConfig {
                     descriptor_channels,

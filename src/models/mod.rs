@@ -23,7 +23,7 @@ mod tests;
 mod v1;
 mod xfeat;
 
-pub use anchored::{AnchoredLineConfig, AnchoredPointConfig, LinePool};
+pub use anchored::{AnchoredLineConfig, AnchoredPointConfig, AttentionOutput, LinePool};
 pub use config::{
     LineBranchConfig, PointBranchConfig, Preset, RegressorConfig, TensorSpec, Variant,
 };

@@ -2,12 +2,16 @@
 //!
 //! Points: prune by a sigmoid MLP on the descriptors, self-attention among the survivors, head. Lines: line encoder,
 //! self-attention among all, prune, head. A linear input layer comes first where the descriptor size differs from the width.
+//!
+//! With [`AttentionOutput::Anchored`] the features shift the descriptor before it chooses among landmarks. Points that the
+//! pruning MLP rejects are then only not attended to; they get coordinates, and their reliability comes from the choice.
 
+use super::anchored::{AttentionOutput, Choice, UNIT_EPS, mean_pool};
 use super::attention::{AttentionLayer, LineEncoder, Mlp, min_logit, pass_linear, widths};
 use super::config::{Specs, TensorSpec};
 use super::error::{ModelError, check_probability, check_size};
 use super::ports;
-use crate::nn::{Dense, Graph, GraphBuilder, Weights};
+use crate::nn::{Dense, Graph, GraphBuilder, Tensor, WeightTensor, Weights};
 use serde::{Deserialize, Serialize};
 
 /// Sizes of the point branch.
@@ -28,8 +32,12 @@ pub struct AttentionPointConfig {
     pub prune_hidden: usize,
     /// Hidden widths of the head.
     pub head_hidden: Vec<usize>,
-    /// Keypoints whose probability is not above this are dropped; 0 keeps all.
+    /// Keypoints whose probability is not above this are dropped; 0 keeps all. With an anchored output they are only not
+    /// attended to, and 0 leaves the pruning MLP out.
     pub min_confidence: f32,
+    /// From features to coordinates.
+    #[serde(default)]
+    pub output: AttentionOutput,
 }
 
 /// Sizes of the line branch.
@@ -56,6 +64,9 @@ pub struct AttentionLineConfig {
     pub head_hidden: Vec<usize>,
     /// Segments whose probability is not above this are dropped; 0 keeps all.
     pub min_confidence: f32,
+    /// From features to coordinates.
+    #[serde(default)]
+    pub output: AttentionOutput,
 }
 
 /// Ranges of the sizes that both branches and `v1` share.
@@ -89,6 +100,18 @@ impl AttentionPointConfig {
         self.descriptor_channels != self.width
     }
 
+    fn choice(&self) -> Option<Choice> {
+        Choice::of_points(self.output, self.descriptor_channels)
+    }
+
+    fn has_pruning(&self) -> bool {
+        self.choice().is_none() || self.min_confidence > 0.0
+    }
+
+    fn prune_widths(&self) -> [usize; 3] {
+        [self.width, self.prune_hidden, 1]
+    }
+
     fn layer(&self) -> AttentionLayer {
         AttentionLayer {
             width: self.width,
@@ -107,6 +130,9 @@ impl AttentionPointConfig {
             &self.head_hidden,
         )?;
         check_size("prune_hidden", self.prune_hidden, 1, 4096)?;
+        if let Some(choice) = self.choice() {
+            choice.validate()?;
+        }
         check_probability("min_confidence", self.min_confidence)
     }
 
@@ -115,9 +141,15 @@ impl AttentionPointConfig {
         if self.has_input_layer() {
             specs.linear("point.in", self.width, self.descriptor_channels);
         }
-        specs.mlp("point.prune", &[self.width, self.prune_hidden, 1]);
+        if self.has_pruning() {
+            specs.mlp("point.prune", &self.prune_widths());
+        }
         for i in 0..self.num_layers {
             self.layer().tensors(&mut specs, &format!("point.attn.{i}"));
+        }
+        if let Some(choice) = self.choice() {
+            specs.linear("point.query", self.descriptor_channels, self.width);
+            choice.tensors(&mut specs);
         }
         specs.mlp("point.head", &widths(self.width, &self.head_hidden, 3));
         specs.0
@@ -132,23 +164,48 @@ impl AttentionPointConfig {
         } else {
             descriptors
         };
-        let prune = Mlp {
-            name: "point.prune",
-            widths: &[self.width, self.prune_hidden, 1],
-        };
-        let logits = prune.graph(&mut g, x);
-        g.output(ports::LOGITS, logits);
-        let [mut kept, rows] = g.keep(x, logits, min_logit(self.min_confidence), "kept points");
-        g.output(ports::ROWS, rows);
-        for i in 0..self.num_layers {
-            kept = self.layer().graph(&mut g, &format!("point.attn.{i}"), kept);
-        }
+        let prune_widths = self.prune_widths();
+        let prune = self.has_pruning().then(|| {
+            let mlp = Mlp {
+                name: "point.prune",
+                widths: &prune_widths,
+            };
+            mlp.graph(&mut g, x)
+        });
+        let head_widths = widths(self.width, &self.head_hidden, 3);
         let head = Mlp {
             name: "point.head",
-            widths: &widths(self.width, &self.head_hidden, 3),
+            widths: &head_widths,
         };
-        let coordinates = head.graph(&mut g, kept);
-        g.output(ports::COORDINATES, coordinates);
+        let attended = |g: &mut GraphBuilder, mut x: Tensor, keep: Option<Tensor>| {
+            for i in 0..self.num_layers {
+                x = self.layer().graph(g, &format!("point.attn.{i}"), x, keep);
+            }
+            x
+        };
+        match (self.choice(), prune) {
+            (Some(choice), keep) => {
+                let x = attended(&mut g, x, keep);
+                let shifted = g.linear(
+                    x,
+                    Dense::new("point.query", self.descriptor_channels).residual(descriptors),
+                );
+                let query = g.l2_norm(shifted, UNIT_EPS);
+                let [chosen, logits] = choice.graph(&mut g, query);
+                g.output(ports::LOGITS, logits);
+                let coordinates = head.graph_onto(&mut g, x, Some(chosen));
+                g.output(ports::COORDINATES, coordinates);
+            }
+            (None, Some(logits)) => {
+                g.output(ports::LOGITS, logits);
+                let [kept, rows] = g.keep(x, logits, min_logit(self.min_confidence), "kept points");
+                g.output(ports::ROWS, rows);
+                let kept = attended(&mut g, kept, None);
+                let coordinates = head.graph(&mut g, kept);
+                g.output(ports::COORDINATES, coordinates);
+            }
+            (None, None) => unreachable!("a linear output prunes"),
+        }
         Ok(g.finish()?)
     }
 
@@ -163,11 +220,27 @@ impl AttentionPointConfig {
                 self.descriptor_channels,
             )?;
         }
-        Mlp {
-            name: "point.prune",
-            widths: &[self.width, self.prune_hidden, 1],
+        if self.has_pruning() {
+            if self.choice().is_some() {
+                // The mask of the attention is "above zero".
+                lower_bias(weights, "point.prune.1.b", min_logit(self.min_confidence))?;
+            }
+            Mlp {
+                name: "point.prune",
+                widths: &self.prune_widths(),
+            }
+            .pass(weights, &mut made)?;
         }
-        .pass(weights, &mut made)?;
+        if let Some(choice) = self.choice() {
+            pass_linear(
+                weights,
+                &mut made,
+                "point.query",
+                self.descriptor_channels,
+                self.width,
+            )?;
+            choice.prepare(weights, &mut made)?;
+        }
         for i in 0..self.num_layers {
             self.layer()
                 .prepare(weights, &mut made, &format!("point.attn.{i}"))?;
@@ -181,7 +254,18 @@ impl AttentionPointConfig {
     }
 }
 
+/// Subtracts from a layer's only bias.
+fn lower_bias(weights: &mut Weights, name: &str, by: f32) -> Result<(), ModelError> {
+    let bias = weights.take_f32(name, &[1])?;
+    weights.insert(name, WeightTensor::f32(&[1], vec![bias[0] - by])?);
+    Ok(())
+}
+
 impl AttentionLineConfig {
+    fn choice(&self) -> Option<Choice> {
+        Choice::of_segments(self.output, self.descriptor_channels)
+    }
+
     fn encoder(&self) -> LineEncoder {
         LineEncoder {
             input: self.descriptor_channels,
@@ -212,6 +296,9 @@ impl AttentionLineConfig {
         check_size("tokens", self.tokens, 2, 64)?;
         check_size("encoder_hidden", self.encoder_hidden, 1, 4096)?;
         check_size("prune_hidden", self.prune_hidden, 1, 4096)?;
+        if let Some(choice) = self.choice() {
+            choice.validate()?;
+        }
         check_probability("min_confidence", self.min_confidence)
     }
 
@@ -221,7 +308,13 @@ impl AttentionLineConfig {
         for i in 0..self.num_layers {
             self.layer().tensors(&mut specs, &format!("line.attn.{i}"));
         }
-        specs.mlp("line.prune", &[self.width, self.prune_hidden, 1]);
+        match self.choice() {
+            None => specs.mlp("line.prune", &[self.width, self.prune_hidden, 1]),
+            Some(choice) => {
+                specs.linear("line.query", self.descriptor_channels, self.width);
+                choice.tensors(&mut specs);
+            }
+        }
         specs.mlp("line.head", &widths(self.width, &self.head_hidden, 6));
         specs.0
     }
@@ -237,22 +330,47 @@ impl AttentionLineConfig {
         );
         let mut x = self.encoder().graph(&mut g, tokens);
         for i in 0..self.num_layers {
-            x = self.layer().graph(&mut g, &format!("line.attn.{i}"), x);
+            x = self
+                .layer()
+                .graph(&mut g, &format!("line.attn.{i}"), x, None);
         }
-        let prune = Mlp {
-            name: "line.prune",
-            widths: &[self.width, self.prune_hidden, 1],
-        };
-        let logits = prune.graph(&mut g, x);
-        g.output(ports::LOGITS, logits);
-        let [kept, rows] = g.keep(x, logits, min_logit(self.min_confidence), "kept segments");
-        g.output(ports::ROWS, rows);
+        let min_logit = min_logit(self.min_confidence);
+        let head_widths = widths(self.width, &self.head_hidden, 6);
         let head = Mlp {
             name: "line.head",
-            widths: &widths(self.width, &self.head_hidden, 6),
+            widths: &head_widths,
         };
-        let coordinates = head.graph(&mut g, kept);
-        g.output(ports::COORDINATES, coordinates);
+        let rows = if let Some(choice) = self.choice() {
+            let joined = g.join_rows(tokens, self.tokens);
+            let pooled = g.linear(
+                joined,
+                Dense::new("line.pool", self.descriptor_channels).without_bias(),
+            );
+            let descriptors = g.l2_norm(pooled, UNIT_EPS);
+            let shifted = g.linear(
+                x,
+                Dense::new("line.query", self.descriptor_channels).residual(descriptors),
+            );
+            let query = g.l2_norm(shifted, UNIT_EPS);
+            let [chosen, logits] = choice.graph(&mut g, query);
+            g.output(ports::LOGITS, logits);
+            let coordinates = head.graph_onto(&mut g, x, Some(chosen));
+            let [kept, rows] = g.keep(coordinates, logits, min_logit, "kept segments");
+            g.output(ports::COORDINATES, kept);
+            rows
+        } else {
+            let prune = Mlp {
+                name: "line.prune",
+                widths: &[self.width, self.prune_hidden, 1],
+            };
+            let logits = prune.graph(&mut g, x);
+            g.output(ports::LOGITS, logits);
+            let [kept, rows] = g.keep(x, logits, min_logit, "kept segments");
+            let coordinates = head.graph(&mut g, kept);
+            g.output(ports::COORDINATES, coordinates);
+            rows
+        };
+        g.output(ports::ROWS, rows);
         Ok(g.finish()?)
     }
 
@@ -263,11 +381,26 @@ impl AttentionLineConfig {
             self.layer()
                 .prepare(weights, &mut made, &format!("line.attn.{i}"))?;
         }
-        Mlp {
-            name: "line.prune",
-            widths: &[self.width, self.prune_hidden, 1],
+        if let Some(choice) = self.choice() {
+            made.insert(
+                "line.pool.w",
+                mean_pool(self.descriptor_channels, self.tokens)?,
+            );
+            pass_linear(
+                weights,
+                &mut made,
+                "line.query",
+                self.descriptor_channels,
+                self.width,
+            )?;
+            choice.prepare(weights, &mut made)?;
+        } else {
+            Mlp {
+                name: "line.prune",
+                widths: &[self.width, self.prune_hidden, 1],
+            }
+            .pass(weights, &mut made)?;
         }
-        .pass(weights, &mut made)?;
         Mlp {
             name: "line.head",
             widths: &widths(self.width, &self.head_hidden, 6),

@@ -1,7 +1,9 @@
 //! The long form of every network in plain f64, against the graphs: what folding left out must not be missed.
 
+mod anchored;
+
 use super::{
-    AnchoredLineConfig, AnchoredPointConfig, AttentionLineConfig, AttentionPointConfig,
+    AnchoredLineConfig, AttentionLineConfig, AttentionOutput, AttentionPointConfig,
     LineBranchConfig, LinePool, PointBranchConfig, RegressorConfig, TensorSpec, V1Config, ports,
 };
 use crate::nn::oracle::OracleExecutor;
@@ -283,6 +285,7 @@ fn point_config(descriptor_channels: usize) -> AttentionPointConfig {
         prune_hidden: 5,
         head_hidden: vec![7, 9],
         min_confidence: 0.5,
+        output: AttentionOutput::Linear,
     }
 }
 
@@ -298,6 +301,7 @@ fn line_config(descriptor_channels: usize) -> AttentionLineConfig {
         prune_hidden: 5,
         head_hidden: vec![7],
         min_confidence: 0.5,
+        output: AttentionOutput::Linear,
     }
 }
 
@@ -461,95 +465,6 @@ fn v1_equals_its_long_form_also_without_points_or_segments() {
             &points,
         );
         assert_close(&what, net.output(ports::LINES_3D).expect("output"), &lines);
-    }
-}
-
-#[test]
-fn anchored_branches_equal_their_definition() {
-    for offset_hidden in [0, 4] {
-        let config = AnchoredPointConfig {
-            descriptor_channels: 6,
-            num_anchors: 20,
-            offset_hidden,
-            reliability_hidden: 5,
-        };
-        let weights = random_weights(&config.tensors(), 23);
-        let x = unit_rows(29, 15, 6);
-        let expected: Vec<_> = x
-            .iter()
-            .map(|r| Long(&weights).anchored("point", "positions", 3, r))
-            .collect();
-        let branch = PointBranchConfig::Anchored(config);
-        let made = branch.prepare(&mut weights.clone()).expect("prepares");
-        let net = run(
-            &branch.graph(15).expect("builds"),
-            &made,
-            &[(ports::POINTS, ports::DESCRIPTORS, &x, 1)],
-        );
-        let coordinates: Vec<f64> = expected.iter().flat_map(|e| e.0.clone()).collect();
-        let logits: Vec<f64> = expected.iter().map(|e| e.1).collect();
-        assert_close(
-            "points",
-            net.output(ports::COORDINATES).expect("output"),
-            &coordinates,
-        );
-        assert_close(
-            "logits",
-            net.output(ports::LOGITS).expect("output"),
-            &logits,
-        );
-
-        for (pool, key_channels) in [(LinePool::Mean, 6), (LinePool::Learned, 9)] {
-            let config = AnchoredLineConfig {
-                descriptor_channels: 6,
-                tokens: 4,
-                pool,
-                key_channels,
-                num_anchors: 20,
-                offset_hidden,
-                reliability_hidden: 5,
-            };
-            let weights = random_weights(&config.tensors(), 31);
-            let tokens = unit_rows(37, 4 * 8, 6);
-            let expected: Vec<_> = tokens
-                .chunks_exact(4)
-                .map(|t| {
-                    let pooled: Vec<f64> = match weights.get("line.pool.w") {
-                        None => (0..6)
-                            .map(|c| t.iter().map(|r| r[c]).sum::<f64>() / 4.0)
-                            .collect(),
-                        Some(w) => {
-                            let joined: Vec<f64> = t.iter().flatten().copied().collect();
-                            w.to_f32()
-                                .chunks_exact(24)
-                                .map(|row| {
-                                    row.iter()
-                                        .zip(&joined)
-                                        .map(|(w, x)| f64::from(*w) * x)
-                                        .sum()
-                                })
-                                .collect()
-                        }
-                    };
-                    let norm = pooled.iter().map(|v| v * v).sum::<f64>().sqrt();
-                    let unit: Vec<f64> = pooled.iter().map(|v| v / norm).collect();
-                    Long(&weights).anchored("line", "segments", 6, &unit)
-                })
-                .collect();
-            let branch = LineBranchConfig::Anchored(config);
-            let made = branch.prepare(&mut weights.clone()).expect("prepares");
-            let net = run(
-                &branch.graph(8).expect("builds"),
-                &made,
-                &[(ports::SEGMENTS, ports::TOKENS, &tokens, 4)],
-            );
-            let coordinates: Vec<f64> = expected.iter().flat_map(|e| e.0.clone()).collect();
-            assert_close(
-                "lines",
-                net.output(ports::COORDINATES).expect("output"),
-                &coordinates,
-            );
-        }
     }
 }
 

@@ -147,8 +147,8 @@ impl V1Config {
             } else {
                 ([pq, lk, lv], [lq, pk, pv])
             };
-            p = layer.update(&mut g, &name, p, for_p);
-            l = layer.update(&mut g, &name, l, for_l);
+            p = layer.update(&mut g, &name, p, for_p, None);
+            l = layer.update(&mut g, &name, l, for_l, None);
         }
         let head = Mlp {
             name: "point.head",

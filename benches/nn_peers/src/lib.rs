@@ -11,7 +11,7 @@ mod memory;
 use std::cell::RefCell;
 
 use landline::{
-    models::{AttentionPointConfig, ExtractorKind, PointBranchConfig},
+    models::{AttentionOutput, AttentionPointConfig, ExtractorKind, PointBranchConfig},
     nn::{Dense, Executor, GraphBuilder, Rows, WeightTensor, Weights, cpu::CpuExecutor},
 };
 use rten_gemm::{GemmExecutor, GemmInputA, GemmInputB};
@@ -102,6 +102,7 @@ pub unsafe extern "C" fn network_new(
             prune_hidden: 256,
             head_hidden: vec![512, 1024, 1024, 512],
             min_confidence: 0.0,
+            output: AttentionOutput::Linear,
         });
         let graph = config.graph(width).expect("a valid size");
         let weights = config.prepare(&mut weights).expect("fitting weights");

@@ -1,8 +1,8 @@
 //! `landline labels`: features and 3D targets of training pictures in one file.
 
-use crate::dataset::{DataArgs, Split, open};
+use crate::dataset::{DataArgs, DatasetImage, Split, open};
 use crate::extract::Extraction;
-use crate::labels::{LabelParams, build};
+use crate::labels::{LabelParams, Labels, add_variants, build};
 use crate::progress::Progress;
 use crate::scene::ExtractorArgs;
 use anyhow::{Context, Result};
@@ -23,6 +23,9 @@ pub struct Args {
     /// Folder of cached features; an interrupted run goes on from there.
     #[arg(long, value_name = "DIR")]
     features: Option<PathBuf>,
+    /// Image-space variants of each picture (turned, scaled, blurred, lit differently) to train on.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    variants: usize,
 }
 
 /// Makes the labels.
@@ -40,25 +43,40 @@ pub fn run(args: Args) -> Result<()> {
         .into_iter()
         .map(|i| &dataset.images[i])
         .collect();
+    let labels = make(&extraction, &chosen, args.variants)?;
+    labels
+        .write(&args.out)
+        .with_context(|| format!("writing labels to {}", args.out.display()))?;
+    println!("wrote {}", args.out.display());
+    Ok(())
+}
+
+/// Features and labels of training pictures, with so many variants of each, and a report on standard output.
+///
+/// # Errors
+/// When a picture cannot be read or nothing can be triangulated.
+pub fn make(extraction: &Extraction, images: &[&DatasetImage], variants: usize) -> Result<Labels> {
     let start = Instant::now();
-    let features = extraction.all(&chosen, Progress::Terminal)?;
+    let features = extraction.all(images, Progress::Terminal)?;
+    let posed: Vec<&DatasetImage> = images
+        .iter()
+        .filter(|i| i.cam_from_world.is_some())
+        .copied()
+        .collect();
+    let changed = extraction.all_variants(&posed, variants, Progress::Terminal)?;
     println!("Features: {:.1} s", start.elapsed().as_secs_f64());
     let start = Instant::now();
-    let (labels, stats) = build(
-        &chosen,
+    let (mut labels, stats) = build(
+        images,
         features,
         &extraction.maker(),
         &LabelParams::default(),
         &Progress::Terminal,
     )?;
     print!("{stats}");
-    println!(
-        "  time               {:.1} s",
-        start.elapsed().as_secs_f64()
-    );
-    labels
-        .write(&args.out)
-        .with_context(|| format!("writing labels to {}", args.out.display()))?;
-    println!("wrote {}", args.out.display());
-    Ok(())
+    if variants > 0 {
+        print!("{}", add_variants(&mut labels, changed));
+    }
+    println!("Labels: {:.1} s", start.elapsed().as_secs_f64());
+    Ok(labels)
 }

@@ -1,16 +1,14 @@
 //! `landline map`: from pictures with poses to a scene file in one go.
 
+use crate::cmd::labels;
 use crate::cmd::train::{TrainingArgs, train_and_write};
 use crate::dataset::{DataArgs, Split, open};
 use crate::extract::Extraction;
-use crate::labels::{LabelParams, build};
-use crate::progress::Progress;
 use crate::train::export::Origin;
 use crate::weights::load_extractor;
 use anyhow::Result;
 use landline::relocalizer::FrontEndOptions;
 use std::path::PathBuf;
-use std::time::Instant;
 
 /// Teach a place: features, labels and training of its posed pictures, one scene file.
 #[derive(Debug, clap::Args)]
@@ -26,6 +24,9 @@ pub struct Args {
     /// Folder of cached features; an interrupted run goes on from there. Without it they lie in the run folder.
     #[arg(long, value_name = "DIR")]
     features: Option<PathBuf>,
+    /// Image-space variants of each picture (turned, scaled, blurred, lit differently) to train on.
+    #[arg(long, value_name = "N", default_value_t = 2)]
+    variants: usize,
     /// Licence of the map; goes into the file.
     #[arg(long, default_value = "")]
     licence: String,
@@ -54,19 +55,7 @@ pub fn run(args: Args) -> Result<()> {
         .into_iter()
         .map(|i| &dataset.images[i])
         .collect();
-    let start = Instant::now();
-    let features = extraction.all(&chosen, Progress::Terminal)?;
-    println!("Features: {:.1} s", start.elapsed().as_secs_f64());
-    let start = Instant::now();
-    let (labels, stats) = build(
-        &chosen,
-        features,
-        &extraction.maker(),
-        &LabelParams::default(),
-        &Progress::Terminal,
-    )?;
-    print!("{stats}");
-    println!("Labels: {:.1} s", start.elapsed().as_secs_f64());
+    let labels = labels::make(&extraction, &chosen, args.variants)?;
     let origin = Origin {
         source: format!("{} pictures, {}", chosen.len(), dataset.format),
         licence: args.licence.clone(),

@@ -88,7 +88,7 @@ pub fn run(args: Args) -> Result<()> {
         &labels,
         &options,
         &run_folder,
-        args.training.resume,
+        &args.training.control(),
         &device,
     )?;
     print_summary(&trained);

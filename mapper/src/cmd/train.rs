@@ -4,10 +4,10 @@ use crate::cmd::convert::PrecisionArg;
 use crate::files;
 use crate::labels::Labels;
 use crate::train::export::{self, Origin};
-use crate::train::run::{self, RunOptions, Trained};
+use crate::train::run::{self, Control, RunOptions, Trained};
 use crate::weights::load_extractor;
 use anyhow::{Context, Result, bail};
-use landline::models::Preset;
+use landline::models::{Preset, RegressorConfig};
 use landline::scene_file::ExtractorFile;
 use std::path::{Path, PathBuf};
 
@@ -38,7 +38,7 @@ pub struct TrainingArgs {
     /// Steps of each branch.
     #[arg(long, conflicts_with = "minutes")]
     pub steps: Option<usize>,
-    /// Most anchors of the point branch (compact).
+    /// Most landmarks of the point branch.
     #[arg(long)]
     pub anchors: Option<usize>,
     /// Leave the line branch out.
@@ -47,12 +47,15 @@ pub struct TrainingArgs {
     /// Seed of everything random.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Keep one picture in so many back for the held-out numbers; 0 keeps none.
+    /// Keep one picture in so many back, in one stretch, and deliver the state that locates them best; 0 keeps none.
     #[arg(long, default_value_t = 20)]
     pub hold_out_every: usize,
     /// Change a number of the recipe: FIELD=VALUE; may be repeated.
     #[arg(long = "set", value_name = "FIELD=VALUE", value_parser = parse_override)]
     pub overrides: Vec<String>,
+    /// Change the network: point.FIELD=VALUE or line.FIELD=VALUE; may be repeated.
+    #[arg(long = "network", value_name = "PATH=VALUE", value_parser = parse_network)]
+    pub network: Vec<String>,
     /// Folder for options, log, curves and checkpoint; without it OUT with the ending `.run`.
     #[arg(long)]
     pub run: Option<PathBuf>,
@@ -78,6 +81,25 @@ fn parse_override(text: &str) -> Result<String, String> {
     run::check_override(text).map(|()| text.to_owned())
 }
 
+fn parse_network(text: &str) -> Result<String, String> {
+    let fits = |preset| {
+        let network = RegressorConfig::preset(preset, DESCRIPTOR_LEN);
+        run::changed_network(&network, text)
+    };
+    // Which preset it is for is not known here; it must fit one.
+    let outcomes: Vec<_> = Preset::ALL.into_iter().map(fits).collect();
+    match outcomes.iter().find(|o| o.is_ok()) {
+        Some(_) => Ok(text.to_owned()),
+        None => outcomes
+            .into_iter()
+            .next()
+            .map_or(Ok(text.to_owned()), |o| o.map(|_| text.to_owned())),
+    }
+}
+
+/// Any that the presets accept, to check options before the labels are read.
+const DESCRIPTOR_LEN: usize = 64;
+
 impl TrainingArgs {
     /// The options of a run.
     pub fn options(&self) -> RunOptions {
@@ -90,11 +112,20 @@ impl TrainingArgs {
             lines: !self.no_lines,
             hold_out_every: self.hold_out_every,
             overrides: self.overrides.clone(),
+            network: self.network.clone(),
         }
     }
 }
 
 impl TrainingArgs {
+    /// Runs from the command line go on until they end.
+    pub fn control(&self) -> Control<'static> {
+        Control {
+            resume: self.resume,
+            stop: &|_| false,
+        }
+    }
+
     /// Refuses a length that is none, before anything expensive happens.
     ///
     /// # Errors
@@ -146,7 +177,7 @@ pub fn train_and_write(
     let folder = training.run_folder(out);
     let device = crate::train::cpu_device();
     let options = training.options();
-    let trained = run::train(labels, &options, &folder, training.resume, &device)
+    let trained = run::train(labels, &options, &folder, &training.control(), &device)
         .with_context(|| format!("training {}", out.display()))?;
     print_summary(&trained);
     let scene = export::scene(&trained, labels, extractor, options.preset, origin)?;
@@ -158,14 +189,22 @@ pub fn train_and_write(
 
 /// What the run learned, on standard output.
 pub fn print_summary(trained: &Trained) {
-    for (kind, held) in &trained.held_out {
+    for judged in &trained.held_out {
         println!(
-            "{kind:?}: held-out pictures {}, median distance {:.2} cm; most reliable: median {:.2} px, {:.1} % within 6 px",
-            held.images,
-            100.0 * held.median_scene_m,
-            held.median_px,
-            100.0 * held.share_within_6px
+            "{:?}: {} held-out pictures, best at step {}",
+            judged.kind, judged.delivered.images, judged.step
         );
+        for (when, h) in [("before", &judged.start), ("after", &judged.delivered)] {
+            println!(
+                "  {when:6} pose {:.2} cm {:.3} deg, {:.1} % within 5 cm 5 deg, mean {:.2} cm; features {:.2} px, {:.1} % within 6 px",
+                100.0 * h.median_position_m,
+                h.median_rotation_deg,
+                100.0 * h.recall_5cm_5deg,
+                100.0 * h.score,
+                h.median_px,
+                100.0 * h.share_within_6px
+            );
+        }
     }
     println!(
         "trained in {:.0} s, steps {:?}",

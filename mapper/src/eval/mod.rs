@@ -8,6 +8,7 @@ pub use baseline::{Landmarks, baseline_size};
 pub use report::{per_image_csv, table, to_json, write_report};
 pub use run::{
     EvalError, EvalOptions, Evaluation, Evaluator, ImageResult, MethodResult, line_share,
+    solver_options,
 };
 
 use landline::geometry::CamFromWorld;

@@ -14,7 +14,7 @@ use landline::pose::{
     self, LineCorrespondence, PointCorrespondence, PoseError as SolverError, PoseOptions,
     PoseScratch,
 };
-use landline::relocalizer::{LocateError, Outcome, Query, Relocalizer};
+use landline::relocalizer::{LocateError, Outcome, Query, Relocalizer, RelocalizerOptions};
 use nalgebra::Vector3;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -221,10 +221,7 @@ impl<'a> Evaluator<'a> {
         let points: Vec<PointCorrespondence> = self.relocalizer.points().map(|(p, _)| p).collect();
         let lines: Vec<LineCorrespondence> = self.relocalizer.lines().map(|(l, _)| l).collect();
         *has_lines |= !lines.is_empty();
-        // The relocalizer's thresholds are in pixels of its working image.
-        let longest = f64::from(frame.width.max(frame.height));
-        let working = (self.relocalizer.options().max_side as f64).min(longest);
-        let options = scaled(self.relocalizer.options().pose, longest / working);
+        let options = solver_options(self.relocalizer.options(), frame.width, frame.height);
         methods.push(self.solve(image, &truth, &points, &[], &options)?);
         methods.push(self.solve(image, &truth, &[], &lines, &options)?);
         if let Some((landmarks, extraction)) = self.options.baseline {
@@ -282,13 +279,15 @@ impl<'a> Evaluator<'a> {
     }
 }
 
-/// Pixel thresholds for a picture that is `factor` times as large.
-fn scaled(options: PoseOptions, factor: f64) -> PoseOptions {
+/// The relocalizer's solver for correspondences in a picture's own pixels: its thresholds are in pixels of the working image.
+pub fn solver_options(options: &RelocalizerOptions, width: u32, height: u32) -> PoseOptions {
+    let longest = f64::from(width.max(height));
+    let factor = longest / (options.max_side as f64).min(longest);
     PoseOptions {
-        max_point_error_px: options.max_point_error_px * factor,
-        max_line_error_px: options.max_line_error_px * factor,
-        sigma_px: options.sigma_px * factor,
-        ..options
+        max_point_error_px: options.pose.max_point_error_px * factor,
+        max_line_error_px: options.pose.max_line_error_px * factor,
+        sigma_px: options.pose.sigma_px * factor,
+        ..options.pose
     }
 }
 

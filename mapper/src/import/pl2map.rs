@@ -3,8 +3,8 @@
 use super::checkpoint::Checkpoint;
 use super::{Converter, ImportError};
 use landline::models::{
-    AttentionLineConfig, AttentionPointConfig, LineBranchConfig, PointBranchConfig,
-    RegressorConfig, V1Config,
+    AttentionLineConfig, AttentionOutput, AttentionPointConfig, LineBranchConfig,
+    PointBranchConfig, RegressorConfig, V1Config,
 };
 use landline::nn::Weights;
 
@@ -143,6 +143,7 @@ pub(super) fn convert_proposed(
             prune_hidden: point_prune,
             head_hidden: point_head,
             min_confidence: options.min_point_confidence.unwrap_or(0.8),
+            output: AttentionOutput::Linear,
         }),
         line: Some(LineBranchConfig::Attention(AttentionLineConfig {
             descriptor_channels: l.width,
@@ -155,6 +156,7 @@ pub(super) fn convert_proposed(
             prune_hidden: line_prune,
             head_hidden: line_head,
             min_confidence: options.min_line_confidence.unwrap_or(0.01),
+            output: AttentionOutput::Linear,
         })),
     };
     let weights = c.finish(&[])?;

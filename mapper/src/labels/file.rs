@@ -2,7 +2,9 @@
 //!
 //! Counts per picture and track say where rows belong; names and cameras are JSON in the header.
 
-use super::{LabelledImage, Labels, LineTrack, Observation, PointTrack, SegmentTarget};
+use super::{
+    LabelledImage, LabelledVariant, Labels, LineTrack, Observation, PointTrack, SegmentTarget,
+};
 use crate::dataset::camera::CameraRecord;
 use crate::files;
 use half::f16;
@@ -63,6 +65,9 @@ struct ImageHeader {
     translation: [f64; 3],
     num_keypoints: usize,
     num_segments: usize,
+    /// Index of the picture that this one is a variant of.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    variant_of: Option<u32>,
 }
 
 struct Column {
@@ -146,13 +151,20 @@ impl Labels {
             source,
         };
         let d = self.descriptor_len;
-        let images = &self.images;
+        let variants = self.variants.iter();
+        let (images, variant_of): (Vec<&LabelledImage>, Vec<Option<u32>>) = self
+            .images
+            .iter()
+            .map(|image| (image, None))
+            .chain(variants.map(|v| (&v.image, Some(v.of_image))))
+            .unzip();
         let header = Header {
             extractor: self.extractor.clone(),
             samples_per_segment: self.samples_per_segment,
             images: images
                 .iter()
-                .map(|image| {
+                .zip(variant_of)
+                .map(|(image, variant_of)| {
                     let mut rotation_row_major = [0.0; 9];
                     for (i, v) in rotation_row_major.iter_mut().enumerate() {
                         *v = image.cam_from_world.rotation[(i / 3, i % 3)];
@@ -164,6 +176,7 @@ impl Labels {
                         translation: image.cam_from_world.translation.into(),
                         num_keypoints: image.pixels.len(),
                         num_segments: image.segments.len(),
+                        variant_of,
                     }
                 })
                 .collect(),
@@ -386,6 +399,7 @@ impl Columns<'_> {
         let points = self.points(d)?;
         let lines = self.lines(d)?;
         let mut images = Vec::with_capacity(header.images.len());
+        let mut variants = Vec::new();
         for image in header.images {
             let n = image.num_keypoints;
             let m = image.num_segments;
@@ -425,7 +439,7 @@ impl Columns<'_> {
                     )
                 })
                 .collect::<Result<_, String>>()?;
-            images.push(LabelledImage {
+            let labelled = LabelledImage {
                 name: image.name,
                 camera: image.camera.to_camera().map_err(|e| e.to_string())?,
                 cam_from_world: CamFromWorld::new(
@@ -439,7 +453,17 @@ impl Columns<'_> {
                 segments,
                 segment_descriptors_nsd: segment_descriptors.take(m * s, d)?.to_vec(),
                 segment_targets,
-            });
+            };
+            match image.variant_of {
+                None => images.push(labelled),
+                Some(of_image) if (of_image as usize) < images.len() => {
+                    variants.push(LabelledVariant {
+                        of_image,
+                        image: labelled,
+                    });
+                }
+                Some(of) => return Err(format!("a variant of picture {of}, which is not there")),
+            }
         }
         Ok(Labels {
             descriptor_len: d,
@@ -448,6 +472,7 @@ impl Columns<'_> {
             points,
             lines,
             images,
+            variants,
         })
     }
 
@@ -627,13 +652,18 @@ mod tests {
                     segment_targets: vec![],
                 },
             ],
+            variants: Vec::new(),
         }
     }
 
     #[test]
     fn labels_survive_the_file() {
         let path = std::env::temp_dir().join(format!("labels-{}.safetensors", std::process::id()));
-        let labels = sample();
+        let mut labels = sample();
+        labels.variants.push(LabelledVariant {
+            of_image: 1,
+            image: labels.images[0].clone(),
+        });
         labels
             .write(&path)
             .expect("the temporary folder is writable");

@@ -7,9 +7,12 @@
 mod build;
 mod file;
 mod select;
+mod variants;
 
 pub use build::{LabelError, LabelParams, LabelStats, build};
 pub use file::LabelFileError;
+pub use select::cover;
+pub use variants::{VariantStats, add_variants};
 
 use landline::geometry::{CamFromWorld, Camera, Pixel, Segment2};
 use nalgebra::Vector3;
@@ -100,6 +103,20 @@ pub struct Labels {
     pub lines: Vec<LineTrack>,
     /// Pictures in the data set's order.
     pub images: Vec<LabelledImage>,
+    /// Changed copies of the pictures, for training only: no track counts them among its observations.
+    pub variants: Vec<LabelledVariant>,
+}
+
+/// A picture that was turned, scaled, blurred or lit differently before its features were taken.
+///
+/// Features lie where they are in the unchanged picture, with that picture's camera and pose: what a network predicts does
+/// not depend on where in the image a feature was, so reprojection needs no changed camera.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LabelledVariant {
+    /// Index into [`Labels::images`].
+    pub of_image: u32,
+    /// Features and targets.
+    pub image: LabelledImage,
 }
 
 impl Labels {

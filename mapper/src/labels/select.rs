@@ -1,6 +1,6 @@
 //! Which tracks to keep when there is room for few: those that together cover all pictures evenly.
 
-use super::Labels;
+use super::{Labels, Observation};
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
@@ -32,54 +32,69 @@ impl Ord for Candidate {
 /// Errors below this say no more about a track: keypoints are whole pixels.
 const LEAST_ERROR_PX: f64 = 0.25;
 
-impl Labels {
-    /// The best `most` point tracks, best first.
-    ///
-    /// Greedy cover: the next track is the one with the largest sum, over the pictures that see it, of one by the number of
-    /// tracks that these pictures already have, divided by its reprojection error. Taking the longest tracks instead
-    /// crowds them where the camera stayed longest (RedKitchen, 2,000 landmarks, every second frame of 800-899: median
-    /// 1.44 cm by length, 0.98 cm by cover).
-    pub fn landmarks(&self, most: usize) -> Vec<usize> {
-        let mut covered = vec![0u32; self.images.len()];
-        let gain = |track: usize, covered: &[u32]| -> f64 {
-            let track = &self.points[track];
-            let sum: f64 = track
-                .observations
-                .iter()
-                .filter_map(|o| covered.get(o.image as usize))
-                .map(|n| 1.0 / f64::from(1 + n))
-                .sum();
-            sum / f64::from(track.mean_error_px).max(LEAST_ERROR_PX)
-        };
-        let mut heap: BinaryHeap<Candidate> = (0..self.points.len())
-            .map(|track| Candidate {
-                gain: gain(track, &covered),
-                track,
-            })
-            .collect();
-        let mut chosen = Vec::with_capacity(most.min(heap.len()));
-        while chosen.len() < most {
-            let Some(mut best) = heap.pop() else { break };
-            // Gains only shrink: one that is still on top after a fresh look is the largest.
-            best.gain = gain(best.track, &covered);
-            if heap.peek().is_some_and(|next| next.gain > best.gain) {
-                heap.push(best);
-                continue;
-            }
-            for o in &self.points[best.track].observations {
-                if let Some(n) = covered.get_mut(o.image as usize) {
-                    *n += 1;
-                }
-            }
-            chosen.push(best.track);
+/// Greedy cover of the pictures by tracks, best first.
+///
+/// The next track is the one with the largest sum, over the pictures that see it, of one by the number of tracks that these
+/// pictures already have, divided by its reprojection error. Taking the longest tracks instead crowds them where the camera
+/// stayed longest (RedKitchen, 2,000 landmarks, every second frame of 800-899: median 1.44 cm by length, 0.98 cm by cover).
+/// Tracks without observations are never chosen.
+pub fn cover(
+    observations: &[&[Observation]],
+    errors_px: impl Fn(usize) -> f32,
+    num_images: usize,
+    most: usize,
+) -> Vec<usize> {
+    let mut covered = vec![0u32; num_images];
+    let gain = |track: usize, covered: &[u32]| -> f64 {
+        let sum: f64 = observations[track]
+            .iter()
+            .filter_map(|o| covered.get(o.image as usize))
+            .map(|n| 1.0 / f64::from(1 + n))
+            .sum();
+        sum / f64::from(errors_px(track)).max(LEAST_ERROR_PX)
+    };
+    let mut heap: BinaryHeap<Candidate> = (0..observations.len())
+        .filter(|track| !observations[*track].is_empty())
+        .map(|track| Candidate {
+            gain: gain(track, &covered),
+            track,
+        })
+        .collect();
+    let mut chosen = Vec::with_capacity(most.min(heap.len()));
+    while chosen.len() < most {
+        let Some(mut best) = heap.pop() else { break };
+        // Gains only shrink: one that is still on top after a fresh look is the largest.
+        best.gain = gain(best.track, &covered);
+        if heap.peek().is_some_and(|next| next.gain > best.gain) {
+            heap.push(best);
+            continue;
         }
-        chosen
+        for o in observations[best.track] {
+            if let Some(n) = covered.get_mut(o.image as usize) {
+                *n += 1;
+            }
+        }
+        chosen.push(best.track);
+    }
+    chosen
+}
+
+impl Labels {
+    /// The best `most` point tracks, best first ([`cover`]).
+    pub fn landmarks(&self, most: usize) -> Vec<usize> {
+        let observations: Vec<&[Observation]> = self
+            .points
+            .iter()
+            .map(|p| p.observations.as_slice())
+            .collect();
+        let error = |track: usize| self.points[track].mean_error_px;
+        cover(&observations, error, self.images.len(), most)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::{LabelledImage, Observation, PointTrack};
+    use super::super::{LabelledImage, PointTrack};
     use super::*;
     use landline::geometry::{CamFromWorld, Camera};
     use nalgebra::Vector3;

@@ -8,7 +8,7 @@ pub fn svg(log: &str) -> String {
         (3, "scene distance, cm", 100.0),
         (4, "reprojection, px (clamped)", 1.0),
         (5, "reliability, cross-entropy", 1.0),
-        (6, "gradient norm", 1.0),
+        (9, "held-out pose, cm (mean, clamped)", 100.0),
     ];
     const COLORS: [&str; 2] = ["#1f6fb4", "#c8553d"];
     let (width, height, margin) = (420.0, 240.0, 46.0);
@@ -16,7 +16,7 @@ pub fn svg(log: &str) -> String {
         .lines()
         .skip(1)
         .map(|line| line.split(',').collect())
-        .filter(|fields: &Vec<&str>| fields.len() >= 9)
+        .filter(|fields: &Vec<&str>| fields.len() >= 10)
         .collect();
     let mut branches: Vec<&str> = Vec::new();
     for row in &rows {
@@ -105,9 +105,9 @@ pub fn svg(log: &str) -> String {
 mod tests {
     #[test]
     fn draws_a_line_for_each_branch_and_survives_an_empty_log() {
-        let log = "branch,step,total,scene_m,reprojection_px,reliability,gradient,rate,seconds\n\
-                   keypoints,10,1,0.1,5,0.6,1,0.1,1\nkeypoints,20,1,0.05,4,0.5,1,0.1,2\n\
-                   segments,10,1,0.2,5,0.6,1,0.1,3\n";
+        let log = "branch,step,total,scene_m,reprojection_px,reliability,gradient,rate,seconds,held_out_m\n\
+                   keypoints,10,1,0.1,5,0.6,1,0.1,1,0.02\nkeypoints,20,1,0.05,4,0.5,1,0.1,2,\n\
+                   segments,10,1,0.2,5,0.6,1,0.1,3,\n";
         let picture = super::svg(log);
         assert_eq!(picture.matches("<polyline").count(), 8);
         assert!(!picture.contains("NaN"));

@@ -1,16 +1,22 @@
 //! Start values: landmarks for the anchored branches, the reference's distributions for the attention branches.
 
 use super::buffer::SceneFrame;
-use crate::labels::{Labels, Observation};
+use crate::labels::{Labels, Observation, cover};
 use landline::math::Rng;
 use landline::models::TensorSpec;
+use landline::nn::CHOICE_STATISTICS;
 use nalgebra::Vector3;
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
+use std::ops::Range;
 
 /// Sharpness of the choice at the start. Measured on RedKitchen with 2,048 untrained landmarks and a ranking by margin:
 /// 80 gives 1.38 cm, 150 1.10 cm, 300 0.97 cm, 1,000 1.00 cm.
 pub const START_SHARPNESS: f32 = 300.0;
+
+/// Position of "best minus second best" among the statistics of a choice.
+const MARGIN_STATISTIC: usize = 2;
+/// Logit of the reliability at the start: this times the margin plus the bias.
+const START_MARGIN_FACTOR: f32 = 20.0;
+const START_RELIABILITY_BIAS: f32 = -2.0;
 
 /// A landmark that becomes an anchor.
 #[derive(Debug, Clone, PartialEq)]
@@ -21,92 +27,116 @@ pub struct Anchor {
     pub value: Vec<f32>,
 }
 
-/// Picks `count` tracks one after the other, each time the one that helps the images with the fewest picks most: an image
-/// counts `1 / (1 + picks so far)`. Tracks of the longest length alone leave some views with hardly any landmark.
-pub fn choose_tracks(
-    observations: &[&[Observation]],
-    num_images: usize,
-    count: usize,
-) -> Vec<usize> {
-    let mut picks = vec![0u32; num_images];
-    let gain = |track: usize, picks: &[u32]| -> u64 {
-        let sum: f64 = observations[track]
-            .iter()
-            .map(|o| 1.0 / (1.0 + f64::from(picks[o.image as usize])))
-            .sum();
-        (sum * 1e9) as u64 // an integer orders totally
-    };
-    let mut queue: BinaryHeap<(u64, Reverse<usize>)> = (0..observations.len())
-        .map(|t| (gain(t, &picks), Reverse(t)))
-        .collect();
-    let mut chosen = Vec::with_capacity(count);
-    while chosen.len() < count {
-        let Some((_, Reverse(track))) = queue.pop() else {
-            break;
-        };
-        // Gains only fall, so a candidate whose fresh gain still leads is the best one.
-        let fresh = gain(track, &picks);
-        if queue.peek().is_some_and(|(next, _)| fresh < *next) {
-            queue.push((fresh, Reverse(track)));
-            continue;
-        }
-        for o in observations[track] {
-            picks[o.image as usize] += 1;
-        }
-        chosen.push(track);
-    }
-    chosen
+/// Observations in pictures that are not held out: landmarks must not know those.
+fn kept(observations: &[Observation], held: &Range<usize>) -> Vec<Observation> {
+    let seen = observations.iter().copied();
+    seen.filter(|o| !held.contains(&(o.image as usize)))
+        .collect()
 }
 
-/// Point landmarks: mean descriptors and positions.
-pub fn point_anchors(labels: &Labels, frame: &SceneFrame, count: usize) -> Vec<Anchor> {
-    let observations: Vec<&[Observation]> = labels
+/// Unit mean of the rows that `row` finds for the observations, each row possibly of several descriptors.
+fn mean_key<'a>(
+    observations: &[Observation],
+    len: usize,
+    row: impl Fn(&Observation) -> Option<&'a [f32]>,
+) -> Vec<f32> {
+    let mut key = vec![0.0f32; len];
+    for descriptor in observations
+        .iter()
+        .filter_map(&row)
+        .flat_map(|r| r.chunks_exact(len))
+    {
+        for (k, d) in key.iter_mut().zip(descriptor) {
+            *k += d;
+        }
+    }
+    let norm = key.iter().map(|k| k * k).sum::<f32>().sqrt().max(1e-12);
+    key.iter_mut().for_each(|k| *k /= norm);
+    key
+}
+
+/// Point landmarks: mean descriptors and positions, of tracks outside the held-out pictures.
+pub fn point_anchors(
+    labels: &Labels,
+    held: &Range<usize>,
+    frame: &SceneFrame,
+    count: usize,
+) -> Vec<Anchor> {
+    let d = labels.descriptor_len;
+    let observations: Vec<Vec<Observation>> = labels
         .points
         .iter()
-        .map(|p| p.observations.as_slice())
+        .map(|p| kept(&p.observations, held))
         .collect();
-    choose_tracks(&observations, labels.images.len(), count)
+    let slices: Vec<&[Observation]> = observations.iter().map(Vec::as_slice).collect();
+    let error = |t: usize| labels.points[t].mean_error_px;
+    cover(&slices, error, labels.images.len(), count)
         .into_iter()
-        .map(|t| {
-            let track = &labels.points[t];
-            Anchor {
-                key: track.descriptor.clone(),
-                value: normalised(&track.point_in_world, frame).to_vec(),
-            }
+        .map(|t| Anchor {
+            key: mean_key(&observations[t], d, |o| {
+                let at = o.feature as usize * d;
+                let image = labels.images.get(o.image as usize)?;
+                image.descriptors_nd.get(at..at + d)
+            }),
+            value: normalised(&labels.points[t].point_in_world, frame).to_vec(),
         })
         .collect()
 }
 
 /// Segment landmarks, turned so that most observations agree with the order of the ends.
-pub fn line_anchors(labels: &Labels, frame: &SceneFrame, count: usize) -> Vec<Anchor> {
-    let observations: Vec<&[Observation]> = labels
+pub fn line_anchors(
+    labels: &Labels,
+    held: &Range<usize>,
+    frame: &SceneFrame,
+    count: usize,
+) -> Vec<Anchor> {
+    let d = labels.descriptor_len;
+    let row = d * labels.samples_per_segment;
+    let observations: Vec<Vec<Observation>> = labels
         .lines
         .iter()
-        .map(|l| l.observations.as_slice())
+        .map(|l| kept(&l.observations, held))
         .collect();
-    choose_tracks(&observations, labels.images.len(), count)
+    let slices: Vec<&[Observation]> = observations.iter().map(Vec::as_slice).collect();
+    let error = |t: usize| labels.lines[t].mean_error_px;
+    cover(&slices, error, labels.images.len(), count)
         .into_iter()
         .map(|t| {
             let track = &labels.lines[t];
-            let reversed = track
-                .observations
-                .iter()
-                .filter(|o| {
-                    let target = labels
-                        .images
-                        .get(o.image as usize)
-                        .and_then(|i| i.segment_targets.get(o.feature as usize).copied().flatten());
-                    target.is_some_and(|s| s.reversed)
-                })
-                .count();
+            let is_reversed = |o: &&Observation| {
+                let image = labels.images.get(o.image as usize);
+                let target = image
+                    .and_then(|i| i.segment_targets.get(o.feature as usize).copied().flatten());
+                target.is_some_and(|s| s.reversed)
+            };
+            let reversed = observations[t].iter().filter(is_reversed).count();
             let mut ends = [track.start_in_world, track.end_in_world];
-            if 2 * reversed > track.observations.len() {
+            if 2 * reversed > observations[t].len() {
                 ends.swap(0, 1);
             }
             Anchor {
-                key: track.descriptor.clone(),
+                key: mean_key(&observations[t], d, |o| {
+                    let at = o.feature as usize * row;
+                    let image = labels.images.get(o.image as usize)?;
+                    image.segment_descriptors_nsd.get(at..at + row)
+                }),
                 value: ends.iter().flat_map(|e| normalised(e, frame)).collect(),
             }
+        })
+        .collect()
+}
+
+/// Anchors that know nothing of the scene: the start without landmarks, to measure what they are worth.
+pub fn random_anchors(
+    count: usize,
+    key_len: usize,
+    value_len: usize,
+    rng: &mut Rng,
+) -> Vec<Anchor> {
+    (0..count)
+        .map(|_| Anchor {
+            key: (0..key_len).map(|_| rng.normal() as f32).collect(),
+            value: (0..value_len).map(|_| rng.normal() as f32).collect(),
         })
         .collect()
 }
@@ -156,7 +186,29 @@ pub fn anchored_start(
     if name.contains(".offset.1.") {
         w.fill(0.0);
     }
+    if name.contains(".reliability.") {
+        start_reliability(spec, &mut w);
+    }
     w
+}
+
+/// The reliability begins as a ranking by the margin between the best and the second best landmark: its first hidden number
+/// is that margin, and the others have no say yet.
+fn start_reliability(spec: &TensorSpec, w: &mut [f32]) {
+    let columns = spec.shape.last().copied().unwrap_or(0);
+    if spec.name.ends_with(".0.w") {
+        let margin = columns - CHOICE_STATISTICS + MARGIN_STATISTIC;
+        for (column, v) in w.iter_mut().take(columns).enumerate() {
+            *v = if column == margin { 1.0 } else { 0.0 };
+        }
+    } else if spec.name.ends_with(".0.b") {
+        w[0] = 0.0;
+    } else if spec.name.ends_with(".1.w") {
+        w.fill(0.0);
+        w[0] = START_MARGIN_FACTOR;
+    } else {
+        w.fill(START_RELIABILITY_BIAS);
+    }
 }
 
 /// Inputs of the linear layer that a tensor belongs to: for a bias those of the matrix beside it.
@@ -179,22 +231,38 @@ fn linear_start(spec: &TensorSpec, fan_in: usize, rng: &mut Rng) -> Vec<f32> {
         .collect()
 }
 
+/// How an attention branch starts.
+pub struct AttentionStart<'a> {
+    /// All tensors of the branch.
+    pub specs: &'a [TensorSpec],
+    /// Of everything random.
+    pub seed: u64,
+    /// The last layer of each attention MLP starts at zero, so that the network begins as a pointwise one and stands high
+    /// rates.
+    pub residual_zero: bool,
+    /// Landmarks of an anchored output. Its shift and its offset start at zero: the branch begins as the landmarks.
+    pub anchors: Option<&'a [Anchor]>,
+}
+
 /// Start value of a tensor of an attention branch. The reference lets query, key, value and merge of a layer start as
-/// copies of one another; with `residual_zero` the last layer of each attention MLP starts at zero, so that the network
-/// begins as a pointwise one and stands high rates.
-pub fn attention_start(
-    spec: &TensorSpec,
-    fan_in: usize,
-    seed: u64,
-    residual_zero: bool,
-) -> Vec<f32> {
+/// copies of one another.
+pub fn attention_start(spec: &TensorSpec, fan_in: usize, start: &AttentionStart<'_>) -> Vec<f32> {
     let name = spec.name.as_str();
     let count: usize = spec.shape.iter().product();
     if name.contains(".ln1.") || name.contains(".ln2.") {
         return vec![if name.ends_with(".g") { 1.0 } else { 0.0 }; count];
     }
+    if let Some(anchors) = start.anchors {
+        if name.contains(".anchor.") || name.contains(".reliability.") {
+            let mut rng = Rng::from_seed(start.seed ^ fingerprint(name));
+            return anchored_start(spec, fan_in, anchors, &mut rng);
+        }
+        if name.contains(".query.") || is_last_of_head(name, start.specs) {
+            return vec![0.0; count];
+        }
+    }
     let is_last = name.contains(".attn.") && name.contains(".ffn.1.");
-    if is_last && (residual_zero || name.ends_with(".b")) {
+    if is_last && (start.residual_zero || name.ends_with(".b")) {
         return vec![0.0; count];
     }
     // One seed for each tensor, so that the order of the list does not matter; shared by q, k, v, o of a layer.
@@ -204,40 +272,27 @@ pub fn attention_start(
             key = key.replace(part, ".q.");
         }
     }
-    let mut rng = Rng::from_seed(seed ^ fingerprint(&key));
+    let mut rng = Rng::from_seed(start.seed ^ fingerprint(&key));
     linear_start(spec, fan_in, &mut rng)
+}
+
+/// Whether a tensor belongs to the layer of its head that no other follows.
+fn is_last_of_head(name: &str, specs: &[TensorSpec]) -> bool {
+    let Some((prefix, layer)) = name.split_once(".head.") else {
+        return false;
+    };
+    let layer = layer
+        .split('.')
+        .next()
+        .and_then(|l| l.parse::<usize>().ok());
+    layer.is_some_and(|layer| {
+        let next = format!("{prefix}.head.{}.w", layer + 1);
+        specs.iter().all(|s| s.name != next)
+    })
 }
 
 fn fingerprint(text: &str) -> u64 {
     text.bytes().fold(0xCBF2_9CE4_8422_2325, |h, b| {
         (h ^ u64::from(b)).wrapping_mul(0x0000_0100_0000_01B3)
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn tracks_are_chosen_for_the_images_that_have_few() {
-        let track = |images: &[u32]| -> Vec<Observation> {
-            images
-                .iter()
-                .map(|i| Observation {
-                    image: *i,
-                    feature: 0,
-                })
-                .collect()
-        };
-        // Three long tracks see images 0 to 2 only; one short track sees image 3.
-        let tracks = [
-            track(&[0, 1, 2]),
-            track(&[0, 1, 2]),
-            track(&[0, 1, 2]),
-            track(&[3, 2]),
-        ];
-        let slices: Vec<&[Observation]> = tracks.iter().map(Vec::as_slice).collect();
-        assert_eq!(choose_tracks(&slices, 4, 2), [0, 3]);
-        assert_eq!(choose_tracks(&slices, 4, 9).len(), 4);
-    }
 }

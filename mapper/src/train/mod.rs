@@ -12,6 +12,7 @@ pub mod buffer;
 pub mod checkpoint;
 pub mod curves;
 pub mod export;
+pub mod held_out;
 pub mod init;
 pub mod loss;
 pub mod net;

@@ -1,17 +1,21 @@
 //! Forward passes of the branches in burn, from the same configuration that `landline::models` turns into a graph.
 //!
-//! `Anchored`: soft choice among keys ([`landline::models::AnchoredPointConfig`]). `Attention`: the paper's branches.
+//! `Anchored`: soft choice among keys ([`landline::models::AnchoredPointConfig`]). `Attention`: the paper's branches, with
+//! its output or with that choice ([`AttentionOutput`]).
 //! Dropout sits where the reference has it: in the line encoder only, on the probabilities and after its two outputs.
 
 use super::loss::column;
 use super::params::Leaves;
 use burn::tensor::{Distribution, Tensor, activation};
 use landline::models::{
-    AnchoredLineConfig, AnchoredPointConfig, AttentionLineConfig, AttentionPointConfig,
+    AnchoredLineConfig, AnchoredPointConfig, AttentionLineConfig, AttentionOutput,
+    AttentionPointConfig,
 };
 
 /// Norms below count as zero, as in `landline::models`.
 const UNIT_GUARD: f32 = 1e-12;
+/// Keeps the root of a zero row differentiable; far below the square of any norm that counts.
+const ROOT_GUARD: f32 = 1e-24;
 const LAYER_NORM_EPSILON: f32 = 1e-6;
 /// Dropout of the reference's line encoder while training.
 pub const ENCODER_DROPOUT: f64 = 0.1;
@@ -22,6 +26,8 @@ pub struct Prediction {
     pub coordinates: Tensor<2>,
     /// Reliability logits `[rows, 1]`.
     pub logits: Tensor<2>,
+    /// Pruning logits where they are not the reliability: of points with attention and an anchored output.
+    pub pruning: Option<Tensor<2>>,
 }
 
 /// Rows that belong to images of the same number of rows.
@@ -36,8 +42,8 @@ pub struct Context {
 
 /// Rows divided by their norms.
 pub fn unit_rows(x: Tensor<2>) -> Tensor<2> {
-    let norm = x.clone().square().sum_dim(1).sqrt().clamp_min(UNIT_GUARD);
-    x / norm
+    let norm = x.clone().square().sum_dim(1).add_scalar(ROOT_GUARD).sqrt();
+    x / norm.clamp_min(UNIT_GUARD)
 }
 
 /// The part that both anchored branches share.
@@ -86,6 +92,7 @@ fn choose(leaves: &Leaves<'_>, prefix: &str, values: &str, x: Tensor<2>) -> Pred
     Prediction {
         coordinates,
         logits: mlp("reliability"),
+        pruning: None,
     }
 }
 
@@ -103,13 +110,17 @@ pub fn anchored_lines(
     let pooled = if leaves.has("line.pool.w") {
         tokens.matmul(leaves.get("line.pool.w").transpose())
     } else {
-        let rows = tokens.dims()[0];
-        tokens
-            .reshape([rows, config.tokens, config.descriptor_channels])
-            .mean_dim(1)
-            .reshape([rows, config.descriptor_channels])
+        mean_token(tokens, config.tokens, config.descriptor_channels)
     };
     choose(leaves, "line", "segments", unit_rows(pooled))
+}
+
+/// `[rows, tokens * channels]` to the mean token `[rows, channels]`.
+fn mean_token(x: Tensor<2>, tokens: usize, channels: usize) -> Tensor<2> {
+    let rows = x.dims()[0];
+    x.reshape([rows, tokens, channels])
+        .mean_dim(1)
+        .reshape([rows, channels])
 }
 
 /// `[images * n, width]` to `[images, heads, n, width / heads]`; heads are contiguous blocks of channels.
@@ -134,7 +145,12 @@ fn attend(leaves: &Leaves<'_>, name: &str, heads: usize, x: Tensor<2>, c: &Conte
     let closed = (c.attended.clone().neg().add_scalar(1.0)).mul_scalar(-1e9);
     let closed = closed.reshape([c.images, 1, 1, rows / c.images]);
     let scores = q.matmul(k.swap_dims(2, 3)).div_scalar(scale) + closed;
-    let message = activation::softmax(scores, 3).matmul(v);
+    // Where nothing is attended to, the softmax is flat; nothing is then the message, as in the executors.
+    let open = c
+        .attended
+        .clone()
+        .reshape([c.images, 1, 1, rows / c.images]);
+    let message = (activation::softmax(scores, 3) * open).matmul(v);
     let message = message.swap_dims(1, 2).reshape([rows, width]);
     let message = leaves.linear(&format!("{name}.o"), message);
     let hidden = leaves.linear(
@@ -158,20 +174,23 @@ fn mlp(leaves: &Leaves<'_>, name: &str, x: Tensor<2>) -> Tensor<2> {
     }
 }
 
-/// The paper's point branch. All rows go through the head; rows that are not attended to are for the caller to ignore.
+/// The point branch with attention. All rows go through the head; with the paper's output, rows that are not attended to
+/// are for the caller to ignore.
 pub fn attention_points(
     config: &AttentionPointConfig,
     leaves: &Leaves<'_>,
     descriptors: Tensor<2>,
-    context: impl FnOnce(&Tensor<2>) -> Context,
+    context: impl FnOnce(Option<&Tensor<2>>) -> Context,
 ) -> Prediction {
     let mut x = if leaves.has("point.in.w") {
-        leaves.linear("point.in", descriptors)
+        leaves.linear("point.in", descriptors.clone())
     } else {
-        descriptors
+        descriptors.clone()
     };
-    let logits = mlp(leaves, "point.prune", x.clone());
-    let context = context(&logits);
+    let pruning = leaves
+        .has("point.prune.0.w")
+        .then(|| mlp(leaves, "point.prune", x.clone()));
+    let context = context(pruning.as_ref());
     for i in 0..config.num_layers {
         x = attend(
             leaves,
@@ -181,9 +200,22 @@ pub fn attention_points(
             &context,
         );
     }
-    Prediction {
-        coordinates: mlp(leaves, "point.head", x),
-        logits,
+    let head = mlp(leaves, "point.head", x.clone());
+    match (config.output, pruning) {
+        (AttentionOutput::Linear, Some(logits)) => Prediction {
+            coordinates: head,
+            logits,
+            pruning: None,
+        },
+        (_, pruning) => {
+            let query = unit_rows(descriptors + leaves.linear("point.query", x));
+            let chosen = choose(leaves, "point", "positions", query);
+            Prediction {
+                coordinates: chosen.coordinates + head,
+                pruning,
+                ..chosen
+            }
+        }
     }
 }
 
@@ -245,13 +277,30 @@ pub fn attention_lines(
     tokens: Tensor<2>,
     context: &Context,
 ) -> Prediction {
+    let pooled = unit_rows(mean_token(
+        tokens.clone(),
+        config.tokens,
+        config.descriptor_channels,
+    ));
     let mut x = encode_lines(config, leaves, tokens, context.training);
     for i in 0..config.num_layers {
         x = attend(leaves, &format!("line.attn.{i}"), config.heads, x, context);
     }
-    Prediction {
-        logits: mlp(leaves, "line.prune", x.clone()),
-        coordinates: mlp(leaves, "line.head", x),
+    let head = mlp(leaves, "line.head", x.clone());
+    match config.output {
+        AttentionOutput::Linear => Prediction {
+            logits: mlp(leaves, "line.prune", x),
+            coordinates: head,
+            pruning: None,
+        },
+        AttentionOutput::Anchored { .. } => {
+            let query = unit_rows(pooled + leaves.linear("line.query", x));
+            let chosen = choose(leaves, "line", "segments", query);
+            Prediction {
+                coordinates: chosen.coordinates + head,
+                ..chosen
+            }
+        }
     }
 }
 

@@ -101,6 +101,11 @@ impl Parameters {
         &self.device
     }
 
+    /// Whether there is a tensor of this name.
+    pub fn has(&self, name: &str) -> bool {
+        self.index.contains_key(name)
+    }
+
     /// Multiplies the learning rate of the tensors whose name ends so.
     pub fn scale_rate(&mut self, name_end: &str, factor: f64) {
         for entry in &mut self.entries {
@@ -133,6 +138,20 @@ impl Parameters {
     /// The running average as numbers, in the order of [`Self::specs`].
     pub fn average_values(&self) -> Vec<Vec<f32>> {
         self.entries.iter().map(|e| numbers(&e.average)).collect()
+    }
+
+    /// The same tensors with other averages, in the order of [`Self::specs`]; for evaluation.
+    ///
+    /// # Panics
+    /// When a tensor has another number of values.
+    #[must_use]
+    pub fn with_averages(&self, values: &[Vec<f32>]) -> Self {
+        let mut out = self.clone();
+        for (e, data) in out.entries.iter_mut().zip(values) {
+            let dims = matrix_dims(&e.spec.shape);
+            e.average = Tensor::from_data(TensorData::new(data.clone(), dims), &self.device);
+        }
+        out
     }
 
     /// Everything that the next step depends on, by name: `value/X`, `average/X`, `moment1/X`, `moment2/X`; and the number
@@ -265,7 +284,7 @@ impl Leaves<'_> {
 
     /// Whether the configuration has this tensor.
     pub fn has(&self, name: &str) -> bool {
-        self.parameters.index.contains_key(name)
+        self.parameters.has(name)
     }
 
     /// `x W^T + b` with `NAME.w` `[out, in]` and `NAME.b`.

@@ -1,7 +1,7 @@
 //! The recipes behind the presets: how each branch is trained.
 
 use super::buffer::Kind;
-use super::session::Recipe;
+use super::session::{AnchorStart, Recipe};
 use landline::models::Preset;
 
 /// The recipe of a preset's branch, before `--steps` or `--minutes` change its length.
@@ -13,6 +13,21 @@ pub fn recipe(preset: Preset, kind: Kind) -> Recipe {
     }
 }
 
+/// Factors on the rate of a branch whose own rate is `1 / relative` times that of the reliability.
+///
+/// A landmark is chosen by few rows of a batch, so its gradient is mostly noise, which Adam scales up to full steps: at the
+/// rate of the reliability, positions wander by more centimetres than training could gain.
+fn landmark_rates(relative: f64) -> Vec<(String, f64)> {
+    [
+        ("anchor.sharpness", 25.0),
+        ("anchor.keys", 0.05),
+        ("anchor.positions", 0.02),
+        ("anchor.segments", 0.02),
+    ]
+    .map(|(name, factor)| (name.to_owned(), factor * relative))
+    .to_vec()
+}
+
 /// Landmarks refined: rows drawn over all pictures, clamped losses in metres.
 fn compact(kind: Kind) -> Recipe {
     Recipe {
@@ -22,21 +37,17 @@ fn compact(kind: Kind) -> Recipe {
             Kind::Points => 2048,
             Kind::Segments => 1024,
         },
-        rate: 5e-4,
+        rate: 2e-3,
         warm_up: 0.05,
-        rate_factors: vec![
-            ("anchor.sharpness".to_owned(), 100.0),
-            ("reliability.0.w".to_owned(), 4.0),
-            ("reliability.0.b".to_owned(), 4.0),
-            ("reliability.1.w".to_owned(), 4.0),
-            ("reliability.1.b".to_owned(), 4.0),
-        ],
+        rate_factors: landmark_rates(1.0),
         descriptor_noise: 0.03,
+        variants: true,
+        anchor_start: AnchorStart::Landmarks,
         weight_decay: 0.0,
         max_gradient_norm: None,
         average_decay: 0.99,
         scene_weight: 1.0,
-        scene_clamp_m: Some(0.3),
+        scene_clamp_m: Some(0.1),
         reprojection_weight: 1.0,
         reprojection_clamp_px: [20.0, 4.0],
         reprojection_start: 0.0,
@@ -55,16 +66,16 @@ fn standard(kind: Kind) -> Recipe {
             Kind::Points => 192,
             Kind::Segments => 96,
         },
-        steps: 4000,
+        steps: match kind {
+            Kind::Points => 1500,
+            Kind::Segments => 1000,
+        },
         rate: 1e-3,
-        rate_factors: Vec::new(),
+        rate_factors: landmark_rates(2.0),
         descriptor_noise: 0.06,
         weight_decay: 1e-4,
         max_gradient_norm: Some(1.0),
         average_decay: 0.999,
-        scene_clamp_m: None,
-        reprojection_weight: 0.3,
-        reprojection_clamp_px: [50.0, 1.0],
         reprojection_start: 0.05,
         ..compact(kind)
     }
@@ -83,6 +94,8 @@ fn paper(kind: Kind) -> Recipe {
         warm_up: 0.0,
         rate_factors: Vec::new(),
         descriptor_noise: 0.0,
+        variants: true,
+        anchor_start: AnchorStart::Landmarks,
         weight_decay: 0.0,
         max_gradient_norm: None,
         average_decay: 0.0,

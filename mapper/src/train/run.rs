@@ -4,6 +4,7 @@
 //! interrupted goes on from its checkpoint with `resume`, and ends with the same tensors as one that was not.
 
 use super::buffer::{Buffer, Kind, SceneFrame};
+use super::held_out::{HeldOut, held_range, judge};
 use super::session::{BranchConfig, Recipe, Session, StepReport};
 use super::{checkpoint, curves, recipe};
 use crate::files;
@@ -14,6 +15,7 @@ use landline::models::{Preset, RegressorConfig, TensorSpec};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 use std::io;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -60,6 +62,17 @@ pub enum TrainError {
         /// Least number.
         needed: usize,
     },
+    /// [`Control::stop`] asked for it.
+    #[error("training was stopped at step {step}; go on with --resume and run folder {folder}")]
+    Stopped {
+        /// Holds the checkpoint.
+        folder: PathBuf,
+        /// Steps of all branches.
+        step: usize,
+    },
+    /// A change to the network that it does not take.
+    #[error("{0}")]
+    Network(String),
     /// Numbers that are not finite.
     #[error(
         "training of the {kind} diverged at step {step} (loss {loss}); lower the rate (now {rate})"
@@ -87,14 +100,29 @@ pub struct RunOptions {
     pub minutes: Option<f64>,
     /// Overrides the steps of both branches.
     pub steps: Option<usize>,
-    /// Most anchors of the point branch (`compact`).
+    /// Most landmarks of the point branch.
     pub anchors: Option<usize>,
     /// Whether the line branch is trained.
     pub lines: bool,
-    /// One picture in so many is kept back for the held-out numbers; 0 keeps none.
+    /// One picture in so many is kept back, in one stretch: the best state on them is delivered. 0 keeps none.
     pub hold_out_every: usize,
     /// Changes to the recipes: `field=value`, for both branches.
     pub overrides: Vec<String>,
+    /// Changes to the networks: `point.field=value` or `line.field=value`.
+    pub network: Vec<String>,
+}
+
+/// What training gained on the held-out pictures.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Judged {
+    /// Which branch.
+    pub kind: Kind,
+    /// Before the first step.
+    pub start: HeldOut,
+    /// What is delivered.
+    pub delivered: HeldOut,
+    /// Step that it is from.
+    pub step: usize,
 }
 
 /// A trained tensor.
@@ -110,24 +138,11 @@ pub struct Trained {
     /// In the configuration's order.
     pub tensors: Vec<NamedTensor>,
     /// Held-out numbers of each branch.
-    pub held_out: Vec<(Kind, HeldOut)>,
+    pub held_out: Vec<Judged>,
     /// Training alone.
     pub seconds: f64,
     /// Steps of each branch.
     pub steps: Vec<(Kind, usize)>,
-}
-
-/// Accuracy on pictures that were kept back.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct HeldOut {
-    /// Pictures.
-    pub images: usize,
-    /// Features with a target: median distance to it, metres.
-    pub median_scene_m: f64,
-    /// Of the most reliable 300 features a picture (100 segments): share that reprojects within 6 px.
-    pub share_within_6px: f64,
-    /// Of the same: median reprojection error in pixels.
-    pub median_px: f64,
 }
 
 fn name(kind: Kind) -> &'static str {
@@ -141,8 +156,18 @@ fn name(kind: Kind) -> &'static str {
 const MIN_LABELLED: usize = 100;
 /// Steps between checkpoints.
 const CHECKPOINT_EVERY: usize = 200;
+/// Judgements on the held-out pictures in a run.
+const JUDGEMENTS: usize = 10;
 const CHECKPOINT: &str = "checkpoint.safetensors";
 const OPTIONS: &str = "options.json";
+
+/// How a run begins and may end.
+pub struct Control<'a> {
+    /// Go on from the folder's checkpoint, if there is one.
+    pub resume: bool,
+    /// Asked after each step with the number of steps of all branches; `true` ends the run with a checkpoint.
+    pub stop: &'a dyn Fn(usize) -> bool,
+}
 
 /// Trains a scene from its labels.
 ///
@@ -152,7 +177,7 @@ pub fn train(
     labels: &Labels,
     options: &RunOptions,
     folder: &Path,
-    resume: bool,
+    control: &Control<'_>,
     device: &Device,
 ) -> Result<Trained, TrainError> {
     let folder_error = |source| TrainError::Folder {
@@ -161,15 +186,17 @@ pub fn train(
     };
     std::fs::create_dir_all(folder).map_err(folder_error)?;
     let frame = SceneFrame::of(labels.points.iter().map(|p| p.point_in_world));
-    let mut sessions = sessions(labels, options, &frame, device)?;
+    let held = held_range(labels.images.len(), options.hold_out_every);
+    let mut sessions = sessions(labels, options, &held, &frame, device)?;
+    let fresh = sessions.clone();
     let checkpoint_path = folder.join(CHECKPOINT);
     let options_text = serde_json::to_string_pretty(options).map_err(|e| folder_error(e.into()))?;
     let options_path = folder.join(OPTIONS);
     let mut log = String::from(
-        "branch,step,total,scene_m,reprojection_px,reliability,gradient,rate,seconds\n",
+        "branch,step,total,scene_m,reprojection_px,reliability,gradient,rate,seconds,held_out_m\n",
     );
     let mut seconds_before = 0.0;
-    if resume && checkpoint_path.exists() {
+    if control.resume && checkpoint_path.exists() {
         let found = std::fs::read_to_string(&options_path).map_err(folder_error)?;
         if found != options_text {
             return Err(TrainError::OtherRun {
@@ -187,30 +214,31 @@ pub fn train(
     } else {
         files::write_bytes(&options_path, options_text.as_bytes()).map_err(folder_error)?;
     }
-    let is_held_out = |i: usize| {
-        options.hold_out_every > 0 && i % options.hold_out_every == options.hold_out_every / 2
-    };
-    let split = |held: bool| -> Vec<&LabelledImage> {
-        let images = labels.images.iter().enumerate();
-        images
-            .filter(|(i, _)| is_held_out(*i) == held)
-            .map(|(_, image)| image)
-            .collect()
-    };
-    let (kept, held) = (split(false), split(true));
     let started = Instant::now();
     let seconds = || seconds_before + started.elapsed().as_secs_f64();
     let mut held_out = Vec::new();
     for index in 0..sessions.len() {
         let kind = sessions[index].config.kind();
-        let buffer = Buffer::new(kind, labels, kept.iter().copied(), &frame);
+        let buffer = Buffer::new(
+            kind,
+            labels,
+            taught(labels, &held, sessions[index].recipe.variants),
+            &frame,
+        );
+        let at_start = judge(&fresh[index], labels, &held);
         if sessions[index].step == 0 {
             set_length(&mut sessions, index, options, &buffer);
+            if let Some(h) = &at_start {
+                sessions[index].judged(h.score, buffer.num_images());
+                // Writing to a string cannot fail.
+                let _ = writeln!(log, "{},0,,,,,,,{:.1},{}", name(kind), seconds(), h.score);
+            }
         }
         let steps = sessions[index].recipe.steps;
+        let judge_every = steps.div_ceil(JUDGEMENTS).max(1);
         let bar = progress(name(kind), steps, sessions[index].step);
         let mut mean = StepReport::default();
-        while sessions[index].step < steps {
+        while sessions[index].step < sessions[index].end() {
             let session = &mut sessions[index];
             let report = session.train_step(&buffer);
             if !report.total.is_finite() {
@@ -223,43 +251,62 @@ pub fn train(
             }
             mean = smoothed(&mean, &report, session.step);
             bar.inc(1);
-            bar.set_message(format!(
-                "{:.1} cm  {:.1} px  reliability {:.3}",
-                100.0 * mean.scene_m,
-                mean.reprojection_px,
-                mean.reliability
-            ));
             let step = session.step;
-            if step.is_multiple_of(10) || step == steps {
-                let branch = name(kind);
-                // Writing to a string cannot fail.
+            let is_last = step == session.end();
+            let mut held_out_m = None;
+            if step.is_multiple_of(judge_every) || is_last {
+                if let Some(h) = judge(session, labels, &held) {
+                    session.judged(h.score, buffer.num_images());
+                    held_out_m = Some(h.score);
+                    bar.set_length(session.end() as u64);
+                }
+            }
+            bar.set_message(message(&mean, session));
+            if step.is_multiple_of(10) || is_last || held_out_m.is_some() {
                 let _ = writeln!(
                     log,
-                    "{branch},{step},{},{},{},{},{},{},{:.1}",
+                    "{},{step},{},{},{},{},{},{},{:.1},{}",
+                    name(kind),
                     report.total,
                     report.scene_m,
                     report.reprojection_px,
                     report.reliability,
                     report.gradient,
                     report.rate,
-                    seconds()
+                    seconds(),
+                    held_out_m.map_or(String::new(), |m| m.to_string())
                 );
             }
-            if step.is_multiple_of(CHECKPOINT_EVERY) || step == steps {
+            let steps_of_all: usize = sessions.iter().map(|s| s.step).sum();
+            let is_stopped = (control.stop)(steps_of_all);
+            if step.is_multiple_of(CHECKPOINT_EVERY) || is_last || is_stopped {
                 files::write_bytes(&folder.join("log.csv"), log.as_bytes())
                     .map_err(folder_error)?;
                 files::write_bytes(&folder.join("curves.svg"), curves::svg(&log).as_bytes())
                     .map_err(folder_error)?;
                 checkpoint::write(&checkpoint_path, &sessions, seconds()).map_err(folder_error)?;
             }
+            if is_stopped {
+                return Err(TrainError::Stopped {
+                    folder: folder.to_owned(),
+                    step: steps_of_all,
+                });
+            }
         }
         bar.finish();
-        let held_buffer = Buffer::new(kind, labels, held.iter().copied(), &frame);
-        held_out.push((kind, judge(&sessions[index], &held_buffer)));
+        if let (Some(start), Some(best)) = (at_start, sessions[index].best.clone()) {
+            let delivered = judge(&sessions[index].with_averages(&best.values), labels, &held);
+            held_out.push(Judged {
+                kind,
+                start,
+                delivered: delivered.unwrap_or_default(),
+                step: best.step,
+            });
+        }
     }
     let mut tensors = Vec::new();
     for session in &sessions {
-        let values = session.parameters().average_values();
+        let values = session.result();
         tensors.extend(session.parameters().specs().cloned().zip(values));
     }
     Ok(Trained {
@@ -272,23 +319,54 @@ pub fn train(
     })
 }
 
+/// The pictures that are not held out, with their variants if there are and if they are wanted.
+fn taught<'a>(
+    labels: &'a Labels,
+    held: &Range<usize>,
+    variants: bool,
+) -> impl Iterator<Item = &'a LabelledImage> {
+    let of_pictures = labels.images.iter().enumerate();
+    let of_variants = labels.variants.iter().filter(move |_| variants);
+    of_pictures
+        .chain(of_variants.map(|v| (v.of_image as usize, &v.image)))
+        .filter({
+            let held = held.clone();
+            move |(i, _)| !held.contains(i)
+        })
+        .map(|(_, image)| image)
+}
+
+fn message(mean: &StepReport, session: &Session) -> String {
+    let held_out = session.best.as_ref().map_or(String::new(), |best| {
+        format!("  best held-out pose {:.2} cm", 100.0 * best.score)
+    });
+    format!(
+        "{:.1} cm  {:.1} px  reliability {:.3}{held_out}",
+        100.0 * mean.scene_m,
+        mean.reprojection_px,
+        mean.reliability
+    )
+}
+
 fn sessions(
     labels: &Labels,
     options: &RunOptions,
+    held: &Range<usize>,
     frame: &SceneFrame,
     device: &Device,
 ) -> Result<Vec<Session>, TrainError> {
-    let RegressorConfig::Branches { mut point, line } =
-        RegressorConfig::preset(options.preset, labels.descriptor_len)
-    else {
+    let mut network = RegressorConfig::preset(options.preset, labels.descriptor_len);
+    for change in &options.network {
+        network = changed_network(&network, change).map_err(TrainError::Network)?;
+    }
+    let RegressorConfig::Branches { point, line } = network else {
         unreachable!("all presets have two branches");
     };
-    if let landline::models::PointBranchConfig::Anchored(c) = &mut point
-        && let Some(anchors) = options.anchors
-    {
-        c.num_anchors = anchors;
+    let mut point = BranchConfig::Point(point);
+    if let (Some((num_anchors, _)), Some(anchors)) = (point.choice(), options.anchors) {
+        *num_anchors = anchors;
     }
-    let mut branches = vec![BranchConfig::Point(point)];
+    let mut branches = vec![point];
     let labelled_segments: usize = labels
         .images
         .iter()
@@ -320,7 +398,7 @@ fn sessions(
             for change in &options.overrides {
                 apply(&mut recipe, change);
             }
-            Session::new(config, recipe, labels, *frame, options.seed, device)
+            Session::new(config, recipe, labels, held, *frame, options.seed, device)
         })
         .collect())
 }
@@ -335,9 +413,37 @@ fn apply(recipe: &mut Recipe, change: &str) {
 fn overridden(recipe: &Recipe, change: &str) -> Option<Recipe> {
     let (field, value) = change.split_once('=')?;
     let mut json = serde_json::to_value(recipe).ok()?;
-    let slot = json.get_mut(field)?;
-    *slot = serde_json::from_str(value).ok()?;
+    *json.get_mut(field)? = value_of(value);
     serde_json::from_value(json).ok()
+}
+
+/// JSON, or else the text itself.
+fn value_of(text: &str) -> serde_json::Value {
+    serde_json::from_str(text).unwrap_or_else(|_| text.into())
+}
+
+/// A network with `point.field=value` or `line.field=value` changed.
+///
+/// # Errors
+/// A sentence for the user.
+pub fn changed_network(network: &RegressorConfig, change: &str) -> Result<RegressorConfig, String> {
+    let mut json = serde_json::to_value(network).map_err(|e| e.to_string())?;
+    let refused = |why: String| {
+        format!(
+            "`{change}` does not change the network ({why}); give point.FIELD=VALUE or line.FIELD=VALUE"
+        )
+    };
+    let (path, value) = change
+        .split_once('=')
+        .ok_or_else(|| refused("no `=`".to_owned()))?;
+    let slot = json
+        .pointer_mut(&format!("/{}", path.replace('.', "/")))
+        .ok_or_else(|| refused(format!("no field `{path}`")))?;
+    *slot = value_of(value);
+    let changed: RegressorConfig =
+        serde_json::from_value(json).map_err(|e| refused(e.to_string()))?;
+    changed.validate().map_err(|e| refused(e.to_string()))?;
+    Ok(changed)
 }
 
 /// Whether a recipe has such a field and takes such a value.
@@ -400,39 +506,6 @@ fn smoothed(mean: &StepReport, new: &StepReport, step: usize) -> StepReport {
         reprojection_px: mix(mean.reprojection_px, new.reprojection_px),
         reliability: mix(mean.reliability, new.reliability),
         ..*new
-    }
-}
-
-/// Numbers on the held-out pictures.
-fn judge(session: &Session, buffer: &Buffer<'_>) -> HeldOut {
-    let best = match session.config.kind() {
-        Kind::Points => 300,
-        Kind::Segments => 100,
-    };
-    let (mut distances, mut errors) = (Vec::new(), Vec::new());
-    for image in 0..buffer.num_images() {
-        let p = session.predict(buffer, image);
-        let mut order: Vec<usize> = (0..p.confidence.len()).collect();
-        order.sort_by(|a, b| p.confidence[*b].total_cmp(&p.confidence[*a]));
-        errors.extend(
-            order
-                .iter()
-                .take(best)
-                .map(|i| f64::from(p.reprojection_px[*i])),
-        );
-        let rows = buffer.image_rows(image);
-        distances.extend(
-            rows.zip(&p.scene_m)
-                .filter(|(row, _)| buffer.track(*row).is_some())
-                .map(|(_, d)| f64::from(*d)),
-        );
-    }
-    let within = errors.iter().filter(|e| **e <= 6.0).count();
-    HeldOut {
-        images: buffer.num_images(),
-        share_within_6px: within as f64 / errors.len().max(1) as f64,
-        median_scene_m: landline::math::stats::median_in_place(&mut distances).unwrap_or(0.0),
-        median_px: landline::math::stats::median_in_place(&mut errors).unwrap_or(0.0),
     }
 }
 

@@ -1,9 +1,9 @@
 //! One branch in training: its parameters, its data, its steps.
 //!
 //! Losses of a step, all in metres so that they weigh alike (a reprojection error becomes metres by depth / focal length):
-//! scene distance and reprojection of the labelled rows, cross-entropy of the reliability over all rows. The attention
-//! branches take the label itself as reliable (the paper); the anchored ones take "reprojects within a few pixels", which
-//! also tells them of unlabelled features. With `paper_reduction` the scene distance is a sum, as the reference has it.
+//! scene distance and reprojection of the labelled rows, cross-entropy of the reliability over all rows. Branches without
+//! landmarks take the label itself as reliable (the paper); those with landmarks take "reprojects within a few pixels", which
+//! also tells them of unlabelled features. Pruning logits beside the reliability learn the label. With `paper_reduction` the scene distance is a sum, as the reference has it.
 
 use super::buffer::{Batch, Buffer, Kind, SceneFrame};
 use super::loss::{self, Observations};
@@ -13,8 +13,9 @@ use super::{init, schedule};
 use crate::labels::Labels;
 use burn::tensor::{Device, Tensor, TensorData};
 use landline::math::Rng;
-use landline::models::{LineBranchConfig, PointBranchConfig, TensorSpec};
+use landline::models::{AttentionOutput, LineBranchConfig, PointBranchConfig, TensorSpec};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// A branch of either kind.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -43,6 +44,30 @@ impl BranchConfig {
         }
     }
 
+    /// Numbers in a descriptor.
+    pub fn descriptor_len(&self) -> usize {
+        match self {
+            Self::Point(c) => c.descriptor_channels(),
+            Self::Line(c) => c.descriptor_channels(),
+        }
+    }
+
+    /// Number of landmarks and numbers in a key, where coordinates come from a choice among landmarks.
+    pub fn choice(&mut self) -> Option<(&mut usize, usize)> {
+        match self {
+            Self::Point(PointBranchConfig::Anchored(c)) => {
+                Some((&mut c.num_anchors, c.descriptor_channels))
+            }
+            Self::Line(LineBranchConfig::Anchored(c)) => Some((&mut c.num_anchors, c.key_channels)),
+            Self::Point(PointBranchConfig::Attention(c)) => {
+                Some((num_anchors(&mut c.output)?, c.descriptor_channels))
+            }
+            Self::Line(LineBranchConfig::Attention(c)) => {
+                Some((num_anchors(&mut c.output)?, c.descriptor_channels))
+            }
+        }
+    }
+
     /// Whether rows of one image see each other.
     pub fn has_attention(&self) -> bool {
         matches!(
@@ -51,6 +76,16 @@ impl BranchConfig {
                 | Self::Line(LineBranchConfig::Attention(_))
         )
     }
+}
+
+/// Where landmarks come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AnchorStart {
+    /// The best tracks of the labels.
+    Landmarks,
+    /// Noise; to measure what the landmarks are worth.
+    Random,
 }
 
 /// How a branch is trained.
@@ -70,6 +105,10 @@ pub struct Recipe {
     pub rate_factors: Vec<(String, f64)>,
     /// Added to every descriptor number.
     pub descriptor_noise: f64,
+    /// Whether the image-space variants of the pictures are learned from, where the labels have some.
+    pub variants: bool,
+    /// Where landmarks come from.
+    pub anchor_start: AnchorStart,
     /// Decoupled weight decay of matrices.
     pub weight_decay: f32,
     /// Largest norm of the gradient.
@@ -126,6 +165,26 @@ pub struct Predicted {
     pub scene_m: Vec<f32>,
 }
 
+/// The averages that did best on the held-out pictures.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Best {
+    /// Held-out score, smaller is better.
+    pub score: f64,
+    /// When.
+    pub step: usize,
+    /// In the configuration's order.
+    pub values: Vec<Vec<f32>>,
+}
+
+/// The rate falls straight to zero from here on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CoolDown {
+    /// First step.
+    pub from_step: usize,
+    /// Rate at that step.
+    pub from_rate: f64,
+}
+
 /// A branch in training.
 #[derive(Clone)]
 pub struct Session {
@@ -137,43 +196,82 @@ pub struct Session {
     pub frame: SceneFrame,
     /// Steps done.
     pub step: usize,
+    /// What the run will deliver, if pictures are held out.
+    pub best: Option<Best>,
+    /// Judgements in a row without progress.
+    pub stale: usize,
+    /// Set when the rest of the run is cut short.
+    pub cool_down: Option<CoolDown>,
     seed: u64,
     parameters: Parameters,
     adam: AdamSettings,
 }
 
+/// Part of a run that an early cool-down takes.
+const COOL_DOWN_SHARE: f64 = 0.1;
+/// A run does not cool down before this part of it.
+const COOL_FROM: f64 = 0.4;
+/// Relative gain on the held-out pictures that counts as progress.
+const LEAST_PROGRESS: f64 = 0.02;
+/// Judgements without progress after which a run cools down.
+const MAX_STALE: usize = 3;
+
+fn num_anchors(output: &mut AttentionOutput) -> Option<&mut usize> {
+    match output {
+        AttentionOutput::Anchored { num_anchors, .. } => Some(num_anchors),
+        AttentionOutput::Linear => None,
+    }
+}
+
+fn cool_down_len(steps: usize) -> usize {
+    ((steps as f64 * COOL_DOWN_SHARE) as usize).max(1)
+}
+
+fn target_len(kind: Kind) -> usize {
+    match kind {
+        Kind::Points => 3,
+        Kind::Segments => 6,
+    }
+}
+
 impl Session {
-    /// A branch at its start. Anchored configurations are shrunk to the landmarks that there are.
+    /// A branch at its start, which knows nothing of the `held` pictures. Configurations with landmarks are shrunk to those
+    /// that there are.
     pub fn new(
         mut config: BranchConfig,
         recipe: Recipe,
         labels: &Labels,
+        held: &Range<usize>,
         frame: SceneFrame,
         seed: u64,
         device: &Device,
     ) -> Self {
         let mut rng = Rng::from_seed(seed);
-        let anchors = match &mut config {
-            BranchConfig::Point(PointBranchConfig::Anchored(c)) => {
-                let anchors = init::point_anchors(labels, &frame, c.num_anchors);
-                c.num_anchors = anchors.len();
-                anchors
-            }
-            BranchConfig::Line(LineBranchConfig::Anchored(c)) => {
-                let anchors = init::line_anchors(labels, &frame, c.num_anchors);
-                c.num_anchors = anchors.len();
-                anchors
-            }
-            _ => Vec::new(),
-        };
+        let kind = config.kind();
+        let anchors = config.choice().map(|(num_anchors, key_len)| {
+            let anchors = match (recipe.anchor_start, kind) {
+                (AnchorStart::Random, _) => {
+                    init::random_anchors(*num_anchors, key_len, target_len(kind), &mut rng)
+                }
+                (_, Kind::Points) => init::point_anchors(labels, held, &frame, *num_anchors),
+                (_, Kind::Segments) => init::line_anchors(labels, held, &frame, *num_anchors),
+            };
+            *num_anchors = anchors.len();
+            anchors
+        });
         let specs = config.tensors();
-        let residual_zero = !recipe.paper_reduction;
         let start = |spec: &TensorSpec| {
             let fan_in = init::fan_in(spec, &specs);
             if config.has_attention() {
-                init::attention_start(spec, fan_in, seed, residual_zero)
+                let start = init::AttentionStart {
+                    specs: &specs,
+                    seed,
+                    residual_zero: !recipe.paper_reduction,
+                    anchors: anchors.as_deref(),
+                };
+                init::attention_start(spec, fan_in, &start)
             } else {
-                init::anchored_start(spec, fan_in, &anchors, &mut rng)
+                init::anchored_start(spec, fan_in, anchors.as_deref().unwrap_or(&[]), &mut rng)
             }
         };
         let mut parameters = Parameters::new(specs.clone(), device, start);
@@ -192,6 +290,9 @@ impl Session {
             recipe,
             frame,
             step: 0,
+            best: None,
+            stale: 0,
+            cool_down: None,
             seed,
             parameters,
             adam,
@@ -221,7 +322,7 @@ impl Session {
         } else {
             buffer.draw_rows(self.recipe.rows, &mut rng)
         };
-        let descriptor = self.descriptor_len();
+        let descriptor = self.config.descriptor_len();
         batch.disturb(
             self.config.kind(),
             descriptor,
@@ -231,10 +332,77 @@ impl Session {
         batch
     }
 
-    fn descriptor_len(&self) -> usize {
-        match &self.config {
-            BranchConfig::Point(c) => c.descriptor_channels(),
-            BranchConfig::Line(c) => c.descriptor_channels(),
+    /// Steps in all, fewer once the run cools down early.
+    pub fn end(&self) -> usize {
+        let steps = self.recipe.steps;
+        self.cool_down
+            .map_or(steps, |c| (c.from_step + cool_down_len(steps)).min(steps))
+    }
+
+    /// Progress in 0..1 that schedules go by.
+    fn progress(&self) -> f64 {
+        match self.cool_down {
+            Some(c) => {
+                let len = cool_down_len(self.recipe.steps) as f64;
+                1.0 - COOL_DOWN_SHARE * (1.0 - (self.step - c.from_step) as f64 / len)
+            }
+            None => self.step as f64 / self.recipe.steps.max(1) as f64,
+        }
+    }
+
+    fn rate(&self, num_images: usize) -> f64 {
+        let r = &self.recipe;
+        if let Some(c) = self.cool_down {
+            let len = cool_down_len(r.steps) as f64;
+            return c.from_rate * (1.0 - (self.step - c.from_step) as f64 / len).max(0.0);
+        }
+        if r.halving_rate {
+            let epoch_len = num_images.max(1);
+            schedule::halving(self.step / epoch_len, r.steps / epoch_len, r.rate)
+        } else {
+            schedule::one_cycle(self.progress(), r.rate, r.warm_up, 1e-3)
+        }
+    }
+
+    /// Takes note of a judgement on the held-out pictures: keeps the averages if they are the best so far, and begins to cool
+    /// down when there was no progress for a while.
+    pub fn judged(&mut self, score: f64, num_images: usize) {
+        let (before, is_better) = match &self.best {
+            Some(best) => (best.score, score < best.score),
+            None => (f64::INFINITY, true),
+        };
+        let is_progress = self.best.is_none() || score < (1.0 - LEAST_PROGRESS) * before;
+        self.stale = if is_progress { 0 } else { self.stale + 1 };
+        if is_better {
+            self.best = Some(Best {
+                score,
+                step: self.step,
+                values: self.parameters.average_values(),
+            });
+        }
+        let t = self.progress();
+        let may_cool = self.cool_down.is_none() && !self.recipe.halving_rate;
+        if may_cool && self.stale >= MAX_STALE && (COOL_FROM..1.0 - COOL_DOWN_SHARE).contains(&t) {
+            self.cool_down = Some(CoolDown {
+                from_step: self.step,
+                from_rate: self.rate(num_images),
+            });
+        }
+    }
+
+    /// The same branch with other averages, for evaluation.
+    #[must_use]
+    pub fn with_averages(&self, values: &[Vec<f32>]) -> Self {
+        let mut out = self.clone();
+        out.parameters = self.parameters.with_averages(values);
+        out
+    }
+
+    /// What the run delivers: the best on the held-out pictures, or the averages where none are.
+    pub fn result(&self) -> Vec<Vec<f32>> {
+        match &self.best {
+            Some(best) => best.values.clone(),
+            None => self.parameters.average_values(),
         }
     }
 
@@ -253,6 +421,20 @@ impl Session {
                 net::attention_lines(c, leaves, inputs, &context)
             }
         }
+    }
+
+    /// Whether the points that others attend to are chosen by a pruning MLP.
+    fn has_pruning(&self) -> bool {
+        self.config.kind() == Kind::Points && self.parameters.has("point.prune.0.w")
+    }
+
+    /// Whether coordinates come from a choice among landmarks.
+    fn has_landmarks(&self) -> bool {
+        let prefix = match self.config.kind() {
+            Kind::Points => "point",
+            Kind::Segments => "line",
+        };
+        self.parameters.has(&format!("{prefix}.anchor.keys"))
     }
 
     fn reprojection(&self, coordinates: Tensor<2>, o: &Observations) -> [Tensor<2>; 3] {
@@ -284,7 +466,7 @@ impl Session {
 
     /// One step on rows of the buffer.
     pub fn train_step(&mut self, buffer: &Buffer<'_>) -> StepReport {
-        let t = self.step as f64 / self.recipe.steps.max(1) as f64;
+        let t = self.progress();
         let batch = self.draw(buffer);
         let device = self.parameters.device().clone().autodiff();
         self.parameters
@@ -296,16 +478,7 @@ impl Session {
             let gradients = total.backward();
             (report, leaves.gradients(gradients))
         };
-        let rate = if self.recipe.halving_rate {
-            let epoch_len = buffer.num_images().max(1);
-            schedule::halving(
-                self.step / epoch_len,
-                self.recipe.steps / epoch_len,
-                self.recipe.rate,
-            )
-        } else {
-            schedule::one_cycle(t, self.recipe.rate, self.recipe.warm_up, 1e-3)
-        };
+        let rate = self.rate(buffer.num_images());
         // The average starts when the rate has begun to fall; before, it would drag the start values along.
         let decay = if t < 0.2 {
             0.0
@@ -350,9 +523,10 @@ impl Session {
                 1
             },
             // The paper's training: points attend to what has a label, segments to all.
-            attended: match self.config.kind() {
-                Kind::Points => has_target.clone(),
-                Kind::Segments => is_real.clone(),
+            attended: if self.has_pruning() {
+                has_target.clone()
+            } else {
+                is_real.clone()
             },
             training: true,
         };
@@ -385,13 +559,18 @@ impl Session {
             let metres_per_px = depth.detach() / o.focal_px.clone();
             loss::weighted_mean(clamped_px.clone() * metres_per_px, kept.clone())
         };
-        let reliable = if self.config.has_attention() {
-            has_target.clone()
-        } else {
+        let reliable = if self.has_landmarks() {
             error_px.detach().lower_equal_scalar(r.reliable_px).float() * usable
+        } else {
+            has_target.clone()
         };
-        let reliability =
-            loss::weighted_mean(loss::cross_entropy(prediction.logits, reliable), is_real);
+        let entropy = |logits: Tensor<2>, target: Tensor<2>| {
+            loss::weighted_mean(loss::cross_entropy(logits, target), is_real.clone())
+        };
+        let mut reliability = entropy(prediction.logits, reliable);
+        if let Some(logits) = prediction.pruning {
+            reliability = reliability + entropy(logits, has_target.clone());
+        }
         let total = scene.mul_scalar(r.scene_weight)
             + reprojection.mul_scalar(r.reprojection_weight)
             + reliability.clone().mul_scalar(r.reliability_weight);
@@ -428,11 +607,14 @@ impl Session {
         // Pruned points are not attended to either.
         let prediction = match &self.config {
             BranchConfig::Point(PointBranchConfig::Attention(c)) => {
-                net::attention_points(c, &leaves, inputs, |logits| Context {
-                    attended: burn::tensor::activation::sigmoid(logits.clone())
-                        .greater_scalar(c.min_confidence)
-                        .float(),
-                    ..context
+                net::attention_points(c, &leaves, inputs, |logits| match logits {
+                    Some(logits) => Context {
+                        attended: burn::tensor::activation::sigmoid(logits.clone())
+                            .greater_scalar(c.min_confidence)
+                            .float(),
+                        ..context
+                    },
+                    None => context,
                 })
             }
             _ => self.forward(&leaves, inputs, context),

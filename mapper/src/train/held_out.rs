@@ -1,0 +1,175 @@
+//! What a branch is worth on pictures that it was not taught: the poses that the solver makes of its predictions.
+
+use super::buffer::{Buffer, Kind};
+use super::session::{Predicted, Session};
+use crate::eval::{PoseError, solver_options};
+use crate::labels::{LabelledImage, Labels};
+use landline::geometry::CamFromWorld;
+use landline::math::stats::median_in_place;
+use landline::models::ExtractorKind;
+use landline::pose::{self, LineCorrespondence, PointCorrespondence, PoseScratch};
+use landline::relocalizer::RelocalizerOptions;
+use nalgebra::Vector3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+
+/// Accuracy on pictures that were kept back.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct HeldOut {
+    /// Pictures.
+    pub images: usize,
+    /// Features with a target: median distance to it, metres.
+    pub median_scene_m: f64,
+    /// Of the features that the solver gets: share that reprojects within 6 px.
+    pub share_within_6px: f64,
+    /// Of the same: median reprojection error in pixels.
+    pub median_px: f64,
+    /// Median distance of the camera positions of this branch alone; infinite where most pictures have no pose.
+    pub median_position_m: f64,
+    /// Median angle.
+    pub median_rotation_deg: f64,
+    /// Share of pictures within 5 cm and 5 degrees.
+    pub recall_5cm_5deg: f64,
+    /// Mean position error, those beyond a tenth of the scene's scale counting as that: what training is judged by.
+    pub score: f64,
+}
+
+/// The pictures that are kept back: one stretch in the middle, so that they are no neighbours of taught ones. One in `every`
+/// pictures; 0 keeps none.
+pub fn held_range(num_images: usize, every: usize) -> Range<usize> {
+    let len = num_images.checked_div(every).unwrap_or(0);
+    let start = (num_images - len) / 2;
+    start..start + len
+}
+
+/// Judges the averaged parameters of a branch on held-out pictures; `None` without any.
+pub fn judge(session: &Session, labels: &Labels, held: &Range<usize>) -> Option<HeldOut> {
+    let images = labels.images.get(held.clone()).filter(|i| !i.is_empty())?;
+    let kind = session.config.kind();
+    let buffer = Buffer::new(kind, labels, images.iter(), &session.frame);
+    let predictions: Vec<Predicted> = (0..images.len())
+        .map(|i| session.predict(&buffer, i))
+        .collect();
+    let (mut distances, mut errors) = (Vec::new(), Vec::new());
+    let mut chosen = Vec::with_capacity(images.len());
+    for (i, p) in predictions.iter().enumerate() {
+        let best = most_confident(kind, p);
+        errors.extend(best.iter().map(|k| f64::from(p.reprojection_px[*k])));
+        chosen.push(best);
+        distances.extend(
+            buffer
+                .image_rows(i)
+                .zip(&p.scene_m)
+                .filter(|(row, _)| buffer.track(*row).is_some())
+                .map(|(_, d)| f64::from(*d)),
+        );
+    }
+    let poses: Vec<Option<PoseError>> = images
+        .par_iter()
+        .zip(predictions.par_iter().zip(&chosen))
+        .map(|(image, (p, best))| {
+            let pose = solve(kind, image, p, best, &session.frame.centre())?;
+            Some(PoseError::between(&pose, &image.cam_from_world))
+        })
+        .collect();
+    let far = 0.1 * session.frame.scale;
+    let position = |e: &Option<PoseError>| e.map_or(f64::INFINITY, |e| e.position);
+    let median = |mut values: Vec<f64>| median_in_place(&mut values).unwrap_or(0.0);
+    let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
+    Some(HeldOut {
+        images: images.len(),
+        share_within_6px: share(errors.iter().filter(|e| **e <= 6.0).count(), errors.len()),
+        median_scene_m: median(distances),
+        median_px: median(errors),
+        median_position_m: median(poses.iter().map(position).collect()),
+        median_rotation_deg: median(
+            poses
+                .iter()
+                .map(|e| e.map_or(f64::INFINITY, |e| e.rotation_deg))
+                .collect(),
+        ),
+        recall_5cm_5deg: share(
+            poses
+                .iter()
+                .flatten()
+                .filter(|e| e.position < 0.05 && e.rotation_deg < 5.0)
+                .count(),
+            poses.len(),
+        ),
+        score: poses.iter().map(|e| position(e).min(far)).sum::<f64>() / poses.len() as f64,
+    })
+}
+
+/// The features that the relocalizer would pass to the solver.
+fn most_confident(kind: Kind, p: &Predicted) -> Vec<usize> {
+    let options = RelocalizerOptions::new(ExtractorKind::Xfeat);
+    let most = match kind {
+        Kind::Points => options.max_points,
+        Kind::Segments => options.max_lines,
+    };
+    let mut order: Vec<usize> = (0..p.confidence.len()).collect();
+    order.sort_by(|a, b| p.confidence[*b].total_cmp(&p.confidence[*a]).then(a.cmp(b)));
+    order.truncate(most);
+    order
+}
+
+fn solve(
+    kind: Kind,
+    image: &LabelledImage,
+    p: &Predicted,
+    chosen: &[usize],
+    centre: &Vector3<f64>,
+) -> Option<CamFromWorld> {
+    let world = |at: usize| {
+        let c = &p.coordinates[at..at + 3];
+        centre + Vector3::new(f64::from(c[0]), f64::from(c[1]), f64::from(c[2]))
+    };
+    let points = |k: &usize| PointCorrespondence {
+        pixel: image.pixels[*k],
+        point_in_world: world(3 * k),
+        confidence: p.confidence[*k],
+        sigma_m: 0.0,
+    };
+    let lines = |k: &usize| LineCorrespondence {
+        start: image.segments[*k].start,
+        end: image.segments[*k].end,
+        start_in_world: world(6 * k),
+        end_in_world: world(6 * k + 3),
+        confidence: p.confidence[*k],
+        sigma_m: 0.0,
+    };
+    let (points, lines): (Vec<_>, Vec<_>) = match kind {
+        Kind::Points => (chosen.iter().map(points).collect(), Vec::new()),
+        Kind::Segments => (Vec::new(), chosen.iter().map(lines).collect()),
+    };
+    let options = RelocalizerOptions::new(ExtractorKind::Xfeat);
+    let solver = solver_options(&options, image.camera.width, image.camera.height);
+    // A picture that the solver refuses has no pose; training goes on.
+    let mut scratch = PoseScratch::new();
+    let mut clock = || 0.0;
+    pose::estimate(
+        &points,
+        &lines,
+        &image.camera,
+        &solver,
+        &mut scratch,
+        &mut clock,
+    )
+    .ok()?
+    .located()
+    .map(|e| e.cam_from_world)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::held_range;
+
+    #[test]
+    fn one_stretch_in_the_middle() {
+        assert_eq!(held_range(800, 20), 380..420);
+        assert_eq!(held_range(10, 20), 5..5);
+        assert_eq!(held_range(10, 0), 5..5);
+        assert_eq!(held_range(3, 1), 0..3);
+    }
+}

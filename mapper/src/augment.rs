@@ -177,25 +177,24 @@ fn blur(picture: &mut [f32], width: usize, height: usize, sigma: f64) {
         .collect();
     let sum: f32 = kernel.iter().sum();
     kernel.iter_mut().for_each(|k| *k /= sum);
-    let along =
-        |picture: &mut [f32], len: usize, step: usize, lines: usize, line_step: usize| {
-            let mut line = vec![0.0f32; len];
-            for l in 0..lines {
-                for (i, v) in line.iter_mut().enumerate() {
-                    *v = kernel
-                        .iter()
-                        .enumerate()
-                        .map(|(k, weight)| {
-                            let at = (i + k).saturating_sub(radius).min(len - 1);
-                            weight * picture[l * line_step + at * step]
-                        })
-                        .sum();
-                }
-                for (i, v) in line.iter().enumerate() {
-                    picture[l * line_step + i * step] = *v;
-                }
+    let along = |picture: &mut [f32], len: usize, step: usize, lines: usize, line_step: usize| {
+        let mut line = vec![0.0f32; len];
+        for l in 0..lines {
+            for (i, v) in line.iter_mut().enumerate() {
+                *v = kernel
+                    .iter()
+                    .enumerate()
+                    .map(|(k, weight)| {
+                        let at = (i + k).saturating_sub(radius).min(len - 1);
+                        weight * picture[l * line_step + at * step]
+                    })
+                    .sum();
             }
-        };
+            for (i, v) in line.iter().enumerate() {
+                picture[l * line_step + i * step] = *v;
+            }
+        }
+    };
     along(picture, width, 1, height, width);
     along(picture, height, width, width, 1);
 }

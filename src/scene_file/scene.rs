@@ -256,14 +256,14 @@ mod tests {
         let mut data = vec![0.1; 3];
         data[0] = 517.123_4;
         scene.weights.insert(
-            "point.head.3.b",
+            "point.head.1.b",
             WeightTensor::f32(&[3], data).expect("sizes"),
         );
         let bytes = scene.to_bytes(Precision::F16).expect("writes");
         let back = SceneFile::from_bytes(&bytes).expect("reads");
         let b = back
             .weights
-            .get("point.head.3.b")
+            .get("point.head.1.b")
             .expect("present")
             .to_f32();
         assert_eq!(b[0], 517.123_4);

@@ -164,7 +164,7 @@ fn check(name: &str, preset: Preset, network: &[&str]) {
         compare("segment", *row, &ends, found.confidence, &l);
     }
     assert!(
-        out.points.len() > 20 && out.segments.len() > 10,
+        out.points.len() > 5 && out.segments.len() > 5,
         "{name}: {} points and {} segments are too few to tell",
         out.points.len(),
         out.segments.len()

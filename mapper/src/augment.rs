@@ -252,7 +252,7 @@ mod tests {
     #[test]
     fn light_changes_grey_values_only() {
         let picture = dot(40, 30, 10, 10);
-        assert_eq!(Variant::IDENTITY.apply(&picture), picture);
+        assert_eq!(Variant::IDENTITY.apply(&picture).data, picture.data);
         let brighter = Variant {
             brightness: 10.0,
             ..Variant::IDENTITY

@@ -129,8 +129,8 @@ fn choose(long: &Long<'_>, prefix: &str, descriptor: &[f64], features: &[f64]) -
 
 #[test]
 fn points_that_are_pruned_are_located_but_not_attended_to() {
-    // A threshold of 0.6 lies at a logit of 0.405.
-    for min_confidence in [0.6, 0.0] {
+    // A threshold of 0.52 lies at a logit of 0.080.
+    for min_confidence in [0.52, 0.0] {
         let config = AttentionPointConfig {
             output: ANCHORED,
             min_confidence,
@@ -154,7 +154,7 @@ fn points_that_are_pruned_are_located_but_not_attended_to() {
                 .collect();
             centre_logits(&mut weights, "point.prune.1.b", &logits);
             let long = Long(&weights);
-            let limit = 1.5f64.ln();
+            let limit = (0.52f64 / 0.48).ln();
             open = inner
                 .iter()
                 .map(|r| long.mlp("point.prune", 2, r)[0] > limit)

@@ -3,21 +3,15 @@
 //! The core projects with six models. The others become one of them where that is exact, or are fitted to the fisheye
 //! polynomial where distortion is radial; a fit that is off by more than [`MAX_FIT_ERROR_PX`] is refused.
 
-use landline::geometry::{Camera, CameraError, CameraModel};
+use landline::geometry::{COLMAP_MODELS, Camera, CameraError, CameraModel};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 /// Largest error of a fitted camera model inside the picture.
 pub const MAX_FIT_ERROR_PX: f64 = 0.1;
 
-/// COLMAP's models: name and number of parameters, at the position of their id.
-pub(super) const COLMAP_MODELS: [(&str, usize); 18] = [
-    ("SIMPLE_PINHOLE", 3),
-    ("PINHOLE", 4),
-    ("SIMPLE_RADIAL", 4),
-    ("RADIAL", 5),
-    ("OPENCV", 8),
-    ("OPENCV_FISHEYE", 8),
+/// COLMAP's models beyond those of the core: name and number of parameters; their ids follow.
+const OTHER_MODELS: [(&str, usize); 12] = [
     ("FULL_OPENCV", 12),
     ("FOV", 5),
     ("SIMPLE_RADIAL_FISHEYE", 4),
@@ -31,6 +25,12 @@ pub(super) const COLMAP_MODELS: [(&str, usize); 18] = [
     ("EUCM", 6),
     ("EQUIRECTANGULAR", 2),
 ];
+
+/// Name and number of parameters of the model with COLMAP's id.
+pub(super) fn colmap_model(id: u32) -> Option<(&'static str, usize)> {
+    let id = usize::try_from(id).ok()?;
+    COLMAP_MODELS.iter().chain(&OTHER_MODELS).nth(id).copied()
+}
 
 /// Why a camera of a file cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -95,27 +95,21 @@ impl CameraRecord {
             model: self.model.clone(),
             what,
         };
-        let fisheye = |fx, fy, cx, cy, [k1, k2, k3, k4]: [f64; 4]| CameraModel::OpenCvFisheye {
-            fx,
-            fy,
-            cx,
-            cy,
-            k1,
-            k2,
-            k3,
-            k4,
+        let known = |name: &str, params: &[f64]| CameraModel::from_colmap(name, params);
+        let fisheye = |fx, fy, cx, cy, k: [f64; 4]| {
+            known("OPENCV_FISHEYE", &[fx, fy, cx, cy, k[0], k[1], k[2], k[3]])
         };
         let p = self.params.as_slice();
         Ok(match (self.model.as_str(), p) {
-            ("SIMPLE_FISHEYE", &[f, cx, cy]) => fisheye(f, f, cx, cy, [0.0; 4]),
-            ("FISHEYE", &[fx, fy, cx, cy]) => fisheye(fx, fy, cx, cy, [0.0; 4]),
-            ("SIMPLE_RADIAL_FISHEYE", &[f, cx, cy, k]) => fisheye(f, f, cx, cy, [k, 0.0, 0.0, 0.0]),
-            ("RADIAL_FISHEYE", &[f, cx, cy, k1, k2]) => fisheye(f, f, cx, cy, [k1, k2, 0.0, 0.0]),
+            ("SIMPLE_FISHEYE", &[f, cx, cy]) => fisheye(f, f, cx, cy, [0.0; 4])?,
+            ("FISHEYE", &[fx, fy, cx, cy]) => fisheye(fx, fy, cx, cy, [0.0; 4])?,
+            ("SIMPLE_RADIAL_FISHEYE", &[f, cx, cy, k]) => fisheye(f, f, cx, cy, [k, 0.0, 0.0, 0.0])?,
+            ("RADIAL_FISHEYE", &[f, cx, cy, k1, k2]) => fisheye(f, f, cx, cy, [k1, k2, 0.0, 0.0])?,
             ("THIN_PRISM_FISHEYE", &[fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, s1, s2]) => {
                 if [p1, p2, s1, s2] != [0.0; 4] {
                     return Err(no("it has tangential or prism distortion".to_owned()));
                 }
-                fisheye(fx, fy, cx, cy, [k1, k2, k3, k4])
+                fisheye(fx, fy, cx, cy, [k1, k2, k3, k4])?
             }
             ("RAD_TAN_THIN_PRISM_FISHEYE", &[fx, fy, cx, cy, k0, k1, k2, k3, ref rest @ ..])
                 if rest.len() == 8 =>
@@ -125,20 +119,11 @@ impl CameraRecord {
                         "it has tangential or prism distortion or a sixth-order term".to_owned(),
                     ));
                 }
-                fisheye(fx, fy, cx, cy, [k0, k1, k2, k3])
+                fisheye(fx, fy, cx, cy, [k0, k1, k2, k3])?
             }
             ("FULL_OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6]) => {
                 if [k3, k4, k5, k6] == [0.0; 4] {
-                    return Ok(CameraModel::OpenCv {
-                        fx,
-                        fy,
-                        cx,
-                        cy,
-                        k1,
-                        k2,
-                        p1,
-                        p2,
-                    });
+                    return Ok(known("OPENCV", &p[..8])?);
                 }
                 if [p1, p2] != [0.0; 2] {
                     return Err(no(
@@ -168,8 +153,9 @@ impl CameraRecord {
             ("EQUIRECTANGULAR", _) => {
                 return Err(no("a panorama has no focal length".to_owned()));
             }
-            (name, _) => match COLMAP_MODELS.iter().find(|(n, _)| *n == name) {
-                Some((_, expected)) if *expected != p.len() => {
+            (name, _) => match OTHER_MODELS.iter().find(|(n, _)| *n == name) {
+                // The right number of parameters was handled above.
+                Some((_, expected)) => {
                     return Err(CameraError::NumParameters {
                         name: name.to_owned(),
                         expected: *expected,
@@ -177,7 +163,7 @@ impl CameraRecord {
                     }
                     .into());
                 }
-                _ => CameraModel::from_colmap(name, p)?,
+                None => known(name, p)?,
             },
         })
     }
@@ -229,16 +215,8 @@ impl CameraRecord {
         if !(error <= MAX_FIT_ERROR_PX) {
             return Err(no(format!("the best fit is off by {error:.2} px")));
         }
-        Ok(CameraModel::OpenCvFisheye {
-            fx,
-            fy,
-            cx,
-            cy,
-            k1: k[0],
-            k2: k[1],
-            k3: k[2],
-            k4: k[3],
-        })
+        let params = [fx, fy, cx, cy, k[0], k[1], k[2], k[3]];
+        Ok(CameraModel::from_colmap("OPENCV_FISHEYE", &params)?)
     }
 }
 

@@ -3,7 +3,7 @@
 //! Every version writes the full pose of each picture into `images`, rigs or not, so `rigs` and `frames` need no reading.
 //! Pixels are corner-based and poses camera from world, as ours.
 
-use super::camera::{COLMAP_MODELS, CameraRecord};
+use super::camera::{CameraRecord, colmap_model};
 use super::open::Pictures;
 use super::pose_check::rigid_from_quaternion;
 use super::text::TextFile;
@@ -248,18 +248,18 @@ fn read_binary(folder: &Path) -> Result<RawModel, DatasetError> {
         let id = r.u32()?;
         let model = r.u32()?;
         let (width, height) = (r.side()?, r.side()?);
-        let (name, num_params) = COLMAP_MODELS.get(model as usize).ok_or_else(|| {
+        let (name, num_params) = colmap_model(model).ok_or_else(|| {
             r.error(format!(
                 "camera model {model} is unknown, and the file does not say how many parameters it has"
             ))
         })?;
-        let params = (0..*num_params)
+        let params = (0..num_params)
             .map(|_| r.f64())
             .collect::<Result<_, _>>()?;
         cameras.insert(
             id,
             CameraRecord {
-                model: (*name).to_owned(),
+                model: name.to_owned(),
                 width,
                 height,
                 params,

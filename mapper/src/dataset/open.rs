@@ -5,8 +5,7 @@ use super::pose_list::{self, CameraSource, ListKind};
 use super::split::{self, IndexRange};
 use super::{Dataset, DatasetError, colmap, indoor6, limap, seven_scenes, transforms, tum};
 use crate::picture;
-use landline::geometry::{CamFromWorld, Camera, CameraModel};
-use nalgebra::{Matrix3, Vector3};
+use landline::geometry::{CamFromWorld, Camera, PixelMap};
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
@@ -358,6 +357,10 @@ fn finish(dataset: &mut Dataset, args: &DataArgs) -> Result<(), DatasetError> {
     split::apply(dataset, args.train.as_ref(), args.test.as_ref())
 }
 
+/// The upright picture, and the one whose size the camera states.
+enum Upright {}
+enum Stated {}
+
 /// What was done so that a camera fits its picture.
 struct Fit {
     /// Picture size by camera size.
@@ -383,7 +386,7 @@ fn fit_to_picture(
     }
     if is_turned && (camera.width, camera.height) == size.stored {
         for _ in 0..size.quarter_turns {
-            let (turned, turn) = quarter_turn(camera);
+            let (turned, turn) = camera.turned_clockwise();
             *camera = turned;
             *cam_from_world =
                 cam_from_world.map(|t| CamFromWorld::new(turn * t.rotation, turn * t.translation));
@@ -410,7 +413,8 @@ fn fit_to_picture(
     );
     // A picture that was shrunk afterwards keeps its content, up to the rounding of one pixel.
     if (sx / sy - 1.0).abs() * f64::from(size.upright.0.max(size.upright.1)) <= 1.0 {
-        *camera = resized(camera, size.upright, sx, sy);
+        let map: PixelMap<Upright, Stated> = PixelMap::from_scale(sx, sy);
+        *camera = camera.resized(&map);
         return Ok(Fit {
             scale: sx,
             turns: 0,
@@ -420,68 +424,6 @@ fn fit_to_picture(
         });
     }
     Err("picture and camera differ in aspect".to_owned())
-}
-
-fn resized(camera: &Camera, (width, height): (u32, u32), sx: f64, sy: f64) -> Camera {
-    let mut model = camera.model;
-    match &mut model {
-        CameraModel::SimplePinhole { f, cx, cy }
-        | CameraModel::SimpleRadial { f, cx, cy, .. }
-        | CameraModel::Radial { f, cx, cy, .. } => {
-            *f *= (sx * sy).sqrt();
-            *cx *= sx;
-            *cy *= sy;
-        }
-        CameraModel::Pinhole { fx, fy, cx, cy }
-        | CameraModel::OpenCv { fx, fy, cx, cy, .. }
-        | CameraModel::OpenCvFisheye { fx, fy, cx, cy, .. } => {
-            *fx *= sx;
-            *fy *= sy;
-            *cx *= sx;
-            *cy *= sy;
-        }
-    }
-    Camera {
-        width,
-        height,
-        model,
-    }
-}
-
-/// The camera after its picture was turned clockwise by 90 degrees, and the turn in camera space.
-fn quarter_turn(camera: &Camera) -> (Camera, Matrix3<f64>) {
-    let h = f64::from(camera.height);
-    let mut model = camera.model;
-    match &mut model {
-        CameraModel::SimplePinhole { cx, cy, .. }
-        | CameraModel::SimpleRadial { cx, cy, .. }
-        | CameraModel::Radial { cx, cy, .. } => (*cx, *cy) = (h - *cy, *cx),
-        CameraModel::Pinhole { fx, fy, cx, cy }
-        | CameraModel::OpenCvFisheye { fx, fy, cx, cy, .. } => {
-            (*cx, *cy) = (h - *cy, *cx);
-            std::mem::swap(fx, fy);
-        }
-        CameraModel::OpenCv {
-            fx,
-            fy,
-            cx,
-            cy,
-            p1,
-            p2,
-            ..
-        } => {
-            (*cx, *cy) = (h - *cy, *cx);
-            std::mem::swap(fx, fy);
-            (*p1, *p2) = (*p2, -*p1);
-        }
-    }
-    let turned = Camera {
-        width: camera.height,
-        height: camera.width,
-        model,
-    };
-    let turn = Matrix3::from_columns(&[Vector3::y(), -Vector3::x(), Vector3::z()]);
-    (turned, turn)
 }
 
 /// Where pictures of a data set may lie.
@@ -544,6 +486,8 @@ impl Pictures {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use landline::geometry::CameraModel;
+    use nalgebra::Vector3;
 
     #[test]
     fn a_turned_picture_sees_the_same_points() {

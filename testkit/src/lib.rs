@@ -3,6 +3,7 @@
 
 mod data;
 mod lsd;
+mod memory;
 mod nn_cases;
 mod parallel;
 pub mod portable;
@@ -11,5 +12,6 @@ pub mod room;
 
 pub use data::{shared_data, skip, skip_without_gpu};
 pub use lsd::check_lsd_fingerprints;
+pub use memory::{CountingAllocator, allocations, peak_bytes};
 pub use nn_cases::{CPU_KINDS, NN_KINDS, NnCase, nn_case, nn_cases, random_weights};
 pub use pose_scene::{PoseScene, PoseSceneParams, pose_scene};

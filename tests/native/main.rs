@@ -14,3 +14,6 @@ mod nn;
 mod portable;
 mod pose;
 mod tree;
+
+#[global_allocator]
+static ALLOCATOR: landline_testkit::CountingAllocator = landline_testkit::CountingAllocator;

@@ -1,13 +1,12 @@
 //! Checkpoints and scene files from anywhere: typed errors, no panic, no memory beyond the file's own size.
 
-use crate::memory::peak_bytes;
 use landline::models::{ExtractorKind, Preset, RegressorConfig};
 use landline::nn::{WeightTensor, Weights};
 use landline::scene_file::{ExtractorFile, Precision, SceneFile, SceneFileError, SceneInfo};
 use landline_mapper::import::checkpoint::{Checkpoint, CheckpointError};
 use landline_mapper::import::pickle::PickleError;
 use landline_mapper::import::{ImportError, ImportOptions, import};
-use landline_testkit::shared_data;
+use landline_testkit::{peak_bytes, shared_data};
 use proptest::prelude::*;
 
 /// Small files may need this much for tables and messages.

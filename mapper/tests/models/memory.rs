@@ -1,4 +1,4 @@
-//! Memory of the calling thread, counted by the allocator; and what a frame takes.
+//! What a frame takes of memory, counted by the allocator.
 
 use landline::features::{Extractor, ExtractorOptions, FeatureSet};
 use landline::geometry::{Pixel, Segment2};
@@ -7,49 +7,10 @@ use landline::models::{ExtractorKind, Preset, RegressorConfig, TensorSpec};
 use landline::nn::{WeightTensor, Weights};
 use landline::regress::{Predictions, Regressor};
 use landline::scene_file::{ExtractorFile, Precision, SceneFile, SceneInfo};
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
-/// Counts the memory that each thread holds, so that a test can bound it.
-struct Counting;
-
-thread_local! {
-    static HELD: Cell<usize> = const { Cell::new(0) };
-    static PEAK: Cell<usize> = const { Cell::new(0) };
-}
-
-#[expect(
-    unsafe_code,
-    reason = "an allocator that counts cannot be written without"
-)]
-// SAFETY: every call goes to the system allocator with its own arguments; counting touches no memory of the caller.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        HELD.with(|held| {
-            held.set(held.get().saturating_add(layout.size()));
-            PEAK.with(|peak| peak.set(peak.get().max(held.get())));
-        });
-        // SAFETY: the caller's contract is the system allocator's.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, ptr: *mut u8, layout: Layout) {
-        HELD.with(|held| held.set(held.get().saturating_sub(layout.size())));
-        // SAFETY: the caller's contract is the system allocator's.
-        unsafe { System.dealloc(ptr, layout) }
-    }
-}
+use landline_testkit::{CountingAllocator, peak_bytes};
 
 #[global_allocator]
-static ALLOCATOR: Counting = Counting;
-
-/// Runs `f` and returns its result and the most memory it held beyond what was held before.
-pub(crate) fn peak_bytes<T>(f: impl FnOnce() -> T) -> (T, usize) {
-    let before = HELD.with(Cell::get);
-    PEAK.with(|peak| peak.set(before));
-    let out = f();
-    (out, PEAK.with(Cell::get).saturating_sub(before))
-}
+static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 /// What a page may spend on a frame, from the files' bytes to the scene points.
 const FRAME_BUDGET: usize = 80_000_000;

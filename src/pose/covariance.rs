@@ -4,8 +4,9 @@
 //! out. A direction without information shows as a standard deviation beyond the scene; the structure of the inliers then
 //! names the reason.
 
+use super::normal::Matrix7;
 use super::problem::{Model, Problem};
-use super::refine::{Matrix7, Refined};
+use super::refine::Refined;
 use super::residuals;
 use super::types::Degeneracy;
 use nalgebra::{Matrix3, Matrix6, Vector3};
@@ -85,6 +86,35 @@ pub(super) fn uncertainty(
         sigma_m: sigma * s,
         sigma_ln_focal,
         degeneracy,
+    }
+}
+
+/// Smallest share of the largest eigenvalue at which a structure extends in a second (or third) direction.
+const FLAT: f64 = 1e-5;
+
+/// What leaves the pose undetermined whichever correspondences are right: no minimal sample of them has a solution.
+pub(super) fn of_input(problem: &Problem) -> Option<Degeneracy> {
+    let sorted = |m: Matrix3<f64>| {
+        let mut values = m.symmetric_eigenvalues();
+        values.as_mut_slice().sort_by(f64::total_cmp);
+        values
+    };
+    let count = problem.points.len().max(1) as f64;
+    let mean = problem.points.iter().map(|p| p.x).sum::<Vector3<f64>>() / count;
+    let offsets = problem.points.iter().map(|p| p.x - mean);
+    let spread = sorted(offsets.map(|d| d * d.transpose()).sum());
+    let is_collinear = !(spread[1] > FLAT * spread[2]);
+    let directions = problem.lines.iter().map(|l| l.direction);
+    let turn = sorted(directions.map(|d| d * d.transpose()).sum());
+    let is_parallel = !(turn[1] > FLAT * turn[2]);
+    // The viewing planes of a room corner, or of lines towards one vanishing point, share a ray.
+    let normals = problem.lines.iter().map(|l| problem.plane_normal(l, 1.0));
+    let tilt = sorted(normals.map(|n| n * n.transpose()).sum());
+    let is_star = !(tilt[0] > FLAT * tilt[2]);
+    match (problem.points.is_empty(), problem.lines.is_empty()) {
+        (_, true) => is_collinear.then_some(Degeneracy::Collinear),
+        (true, false) => (is_parallel || is_star).then_some(Degeneracy::LineDirections),
+        (false, false) => None,
     }
 }
 

@@ -5,25 +5,33 @@
 //! Spaces and units: pixels of the sensor image, corner-based, the same for points, line ends and principal point; world units
 //! as given (nothing depends on their size).
 //! Algorithm: `docs/benchmarks/pose.md` says how well it does; [`solvers`] the minimal problems, `sampler` the
-//! confidence-weighted sampling, `scoring` the truncated likelihood, `ransac` the search with local optimisation and stopping
-//! rule, `refine` the heavy-tailed refinement, `covariance` what is known in the end.
+//! confidence-weighted sampling, `composition` what each kind of sample is worth, `scoring` the truncated likelihood, `ransac`
+//! the search with local optimisation and stopping rule, `likelihood` and `refine` the heavy-tailed refinement, `soft` what is
+//! known besides, `covariance` what is known in the end, `watch` the time budget.
 //! Invariants: deterministic by seed (the same bits on every target when no time budget is set); never a pose that is not
 //! finite; bad correspondences are dropped and counted.
 //! Cost: linear in correspondences times iterations; no allocation once the scratch has seen a problem of the size.
 
+mod composition;
 mod covariance;
+mod focal_belief;
 mod kernels;
+mod likelihood;
+mod normal;
 mod options;
 mod problem;
 pub mod problem_file;
 mod ransac;
 mod refine;
 mod residuals;
+mod sample;
 mod sampler;
 mod scoring;
+mod soft;
 pub mod solvers;
 mod types;
 mod verdict;
+mod watch;
 
 pub use options::{Focal, Gravity, PoseOptions, PriorPose, WorldNoise};
 pub use types::{

@@ -39,14 +39,17 @@ pub enum Focal {
     Unknown,
 }
 
-/// Where the noise of the world coordinates comes from in the final refinement.
+/// What the final refinement assumes about the noise of the world coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WorldNoise {
+    /// What the correspondences are decides. A regressor gives each pixel one world point; where a good part of the pixels
+    /// come with several, they were matched with landmarks. `Negligible` for those, else `Estimated`.
+    Automatic,
     /// From the residuals: right for regressed coordinates, whose errors are continuous and often wider than the thresholds.
     Estimated,
-    /// From the thresholds: right for matched landmarks, whose outliers are often near misses (the next stair, the next
-    /// window) that an estimated noise would take for inliers.
-    FromThresholds,
+    /// Nothing beside the noise of the pixels: right for matched landmarks, whose outliers are often near misses (the next
+    /// stair, the next window) that an estimated noise would take for inliers.
+    Negligible,
 }
 
 /// Options of [`super::estimate`].
@@ -73,7 +76,7 @@ pub struct PoseOptions {
     pub seed: u64,
     /// What is known about the focal length.
     pub focal: Focal,
-    /// Where the noise of the world coordinates comes from.
+    /// What is assumed about the noise of the world coordinates.
     pub world_noise: WorldNoise,
     /// Direction of gravity, if known.
     pub gravity: Option<Gravity>,
@@ -94,7 +97,7 @@ impl Default for PoseOptions {
             time_budget_ms: None,
             seed: 0,
             focal: Focal::Known,
-            world_noise: WorldNoise::Estimated,
+            world_noise: WorldNoise::Automatic,
             gravity: None,
             prior: None,
         }

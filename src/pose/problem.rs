@@ -6,8 +6,9 @@
 use super::options::PoseOptions;
 use super::types::{LineCorrespondence, PointCorrespondence};
 use crate::geometry::{CamFromWorld, Camera, Pixel};
-use crate::math::elementary::{exp, ln, logit};
+use crate::math::elementary::{exp, ln, logistic, logit};
 use crate::math::stats::{median_in_place, weighted_median_in_place};
+use core::cmp::Ordering;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// Depth below which something counts as behind the camera, in units of the scene scale.
@@ -19,17 +20,45 @@ const MIN_BEARING_Z: f64 = 0.1736;
 /// Inlier probabilities are kept away from certainty.
 const PROBABILITY_RANGE: (f64, f64) = (0.02, 0.98);
 
+/// What the network's confidence says about a correspondence.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Belief {
+    /// Odds of being right, were it the only correspondence of its pixel.
+    pub(super) odds: f64,
+    /// Inlier probability beside its alternatives, and its logit.
+    pub(super) prior: f64,
+    pub(super) logit: f64,
+    /// Number of the set of correspondences with the same pixel, of which at most one is right; 0 when there is no other.
+    pub(super) alternatives: u32,
+}
+
+impl Belief {
+    pub(super) fn from_logit(logit: f64) -> Self {
+        Self {
+            odds: exp(logit),
+            prior: logistic(logit),
+            logit,
+            alternatives: 0,
+        }
+    }
+
+    /// Odds of being right, beside its alternatives.
+    pub(super) fn odds_beside_others(&self) -> f64 {
+        if self.alternatives == 0 {
+            self.odds
+        } else {
+            self.prior / (1.0 - self.prior)
+        }
+    }
+}
+
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PointItem {
     /// Undistorted, from the principal point, in pixels of the given focal length.
     pub(super) uv: Vector2<f64>,
     /// Normalised world point.
     pub(super) x: Vector3<f64>,
-    /// Logit of the prior inlier probability, and its odds.
-    pub(super) logit: f64,
-    pub(super) odds: f64,
-    /// Prior inlier probability.
-    pub(super) prior: f64,
+    pub(super) belief: Belief,
     /// Standard deviation of the world point in normalised units; 0 when unknown.
     pub(super) sigma: f64,
     /// Index in the caller's list.
@@ -45,9 +74,7 @@ pub(super) struct LineItem {
     /// Unit direction from `x1` to `x2`.
     pub(super) direction: Vector3<f64>,
     pub(super) length_px: f64,
-    pub(super) logit: f64,
-    pub(super) odds: f64,
-    pub(super) prior: f64,
+    pub(super) belief: Belief,
     pub(super) sigma: f64,
     pub(super) source: u32,
 }
@@ -97,8 +124,51 @@ pub(super) struct Problem {
     pub(super) null_line: f64,
     pub(super) num_invalid: u32,
     pub(super) num_outside_view: u32,
+    /// How many sets of alternatives there are among points and lines.
+    pub(super) num_alternatives: u32,
+    /// Share of the correspondences that have alternatives.
+    pub(super) alternative_share: f64,
     pairs: Vec<(f64, f64)>,
     distances: Vec<f64>,
+    order: Vec<u32>,
+}
+
+/// Correspondences with the same pixels are alternatives: a keypoint shows one thing. Given that, the prior of each is its share
+/// of the odds beside those of the others and of "none".
+fn find_alternatives<T, const N: usize>(
+    items: &mut [T],
+    order: &mut Vec<u32>,
+    num: &mut u32,
+    key: impl Fn(&T) -> [f64; N],
+    belief: impl Fn(&mut T) -> &mut Belief,
+) {
+    order.clear();
+    order.extend(0..items.len() as u32);
+    let compare = |a: &T, b: &T| {
+        let pairs = key(a).into_iter().zip(key(b));
+        pairs.fold(Ordering::Equal, |o, (x, y)| o.then(x.total_cmp(&y)))
+    };
+    order.sort_unstable_by(|a, b| compare(&items[*a as usize], &items[*b as usize]));
+    let mut rest = order.as_slice();
+    while let Some(first) = rest.first() {
+        let is_same = |i: &&u32| compare(&items[**i as usize], &items[*first as usize]).is_eq();
+        let (set, others) = rest.split_at(rest.iter().take_while(is_same).count().max(1));
+        rest = others;
+        if set.len() == 1 {
+            continue;
+        }
+        *num += 1;
+        let mut total = 0.0;
+        for i in set {
+            total += belief(&mut items[*i as usize]).odds;
+        }
+        for i in set {
+            let b = belief(&mut items[*i as usize]);
+            b.alternatives = *num;
+            b.prior = b.odds / (1.0 + total);
+            b.logit = ln(b.odds / (1.0 + total - b.odds));
+        }
+    }
 }
 
 fn is_confidence(c: f32) -> bool {
@@ -115,7 +185,7 @@ fn is_finite(v: &Vector3<f64>) -> bool {
 }
 
 impl Problem {
-    /// Takes over what is usable of the input. Stable: equal priors keep the caller's order.
+    /// Takes over what is usable of the input.
     pub(super) fn load(
         &mut self,
         points: &[PointCorrespondence],
@@ -162,13 +232,10 @@ impl Problem {
                 self.num_outside_view += 1;
                 continue;
             };
-            let logit = prior_logit(p.confidence);
             self.points.push(PointItem {
                 uv,
                 x: p.point_in_world,
-                logit,
-                odds: exp(logit),
-                prior: crate::math::elementary::logistic(logit),
+                belief: Belief::from_logit(prior_logit(p.confidence)),
                 sigma: f64::from(p.sigma_m),
                 source: i as u32,
             });
@@ -200,7 +267,6 @@ impl Problem {
                 self.num_invalid += 1;
                 continue;
             }
-            let logit = prior_logit(l.confidence);
             self.lines.push(LineItem {
                 a,
                 b,
@@ -208,28 +274,51 @@ impl Problem {
                 x2: l.end_in_world,
                 direction: (l.end_in_world - l.start_in_world) / length,
                 length_px,
-                logit,
-                odds: exp(logit),
-                prior: crate::math::elementary::logistic(logit),
+                belief: Belief::from_logit(prior_logit(l.confidence)),
                 sigma: f64::from(l.sigma_m),
                 source: i as u32,
             });
         }
+        self.num_alternatives = 0;
+        let ends = |l: &LineItem| [l.a.x, l.a.y, l.b.x, l.b.y];
+        let num = &mut self.num_alternatives;
+        find_alternatives(
+            &mut self.points,
+            &mut self.order,
+            num,
+            |p| [p.uv.x, p.uv.y],
+            |p| &mut p.belief,
+        );
+        find_alternatives(&mut self.lines, &mut self.order, num, ends, |l| {
+            &mut l.belief
+        });
+        let points = self.points.iter().map(|p| &p.belief);
+        let with_others = points
+            .chain(self.lines.iter().map(|l| &l.belief))
+            .filter(|b| b.alternatives > 0)
+            .count();
+        self.alternative_share = with_others as f64 / self.len().max(1) as f64;
         self.normalize();
-        // The stable sort would allocate; the source index makes the order total.
+        // The stable sort would allocate. Equal beliefs are scattered, because what stands first is looked at first and should
+        // not be one structure of the scene.
+        let order = |a: (&Belief, u32), b: (&Belief, u32)| {
+            let scattered = |source: u32| source.wrapping_mul(0x9e37_79b9);
+            let by_belief = b.0.logit.total_cmp(&a.0.logit);
+            by_belief.then(scattered(a.1).cmp(&scattered(b.1)))
+        };
         self.points
-            .sort_unstable_by(|a, b| b.logit.total_cmp(&a.logit).then(a.source.cmp(&b.source)));
+            .sort_unstable_by(|a, b| order((&a.belief, a.source), (&b.belief, b.source)));
         self.lines
-            .sort_unstable_by(|a, b| b.logit.total_cmp(&a.logit).then(a.source.cmp(&b.source)));
+            .sort_unstable_by(|a, b| order((&a.belief, a.source), (&b.belief, b.source)));
     }
 
     fn normalize(&mut self) {
         let pairs = &mut self.pairs;
         for axis in 0..3 {
             pairs.clear();
-            pairs.extend(self.points.iter().map(|p| (p.x[axis], p.prior)));
-            pairs.extend(self.lines.iter().map(|l| (l.x1[axis], l.prior)));
-            pairs.extend(self.lines.iter().map(|l| (l.x2[axis], l.prior)));
+            pairs.extend(self.points.iter().map(|p| (p.x[axis], p.belief.prior)));
+            pairs.extend(self.lines.iter().map(|l| (l.x1[axis], l.belief.prior)));
+            pairs.extend(self.lines.iter().map(|l| (l.x2[axis], l.belief.prior)));
             self.center[axis] = weighted_median_in_place(pairs).unwrap_or(0.0);
         }
         let center = self.center;

@@ -6,148 +6,23 @@
 //! inlier share of each kind are estimated together with the pose (profile likelihood, expectation maximisation).
 //! Damping is relative to the diagonal (Marquardt), so the unit of length does not matter. No allocation after warm-up.
 
-use super::problem::{Model, Problem};
+use super::likelihood::{
+    Frozen, LnProduct, NEGLIGIBLE, Noise, TAIL, odds_at_zero, probability, share_step, student,
+};
+use super::normal::Normal;
+use super::problem::{Belief, Model, Problem};
 use super::residuals::{self, Row};
 use super::scoring::evidence;
-use crate::geometry::vector_from_rotation;
-use crate::math::elementary::{exp, ln};
-use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3};
+use super::soft::{Soft, add_soft};
+use super::watch::Watch;
+use crate::math::elementary::exp;
+use nalgebra::{Matrix3, Vector3};
 
-/// Degrees of freedom of the Student-t. Regressed coordinates have tails between those of 3 and 4, and with 4 the density
-/// is the inverse cube of `1 + r^2 / (4 sigma^2)`: no transcendental function for each correspondence.
-const TAIL: f64 = 4.0;
+/// Rounds of the full refinement; each re-estimates the noise.
+const ROUNDS: usize = 4;
 
-/// Odds of being an inlier below which a correspondence has no say.
-const NEGLIGIBLE: f64 = 1e-7;
-
-pub(super) type Matrix7 = SMatrix<f64, 7, 7>;
-pub(super) type Vector7 = SVector<f64, 7>;
-
-/// The noise model of the full loss.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Noise {
-    /// Of a detected pixel.
-    pub(super) sigma_px: f64,
-    /// Of a world coordinate whose own sigma is unknown, normalised units.
-    pub(super) world_sigma: f64,
-    /// Added to the prior logits of points and lines: the network's overall optimism.
-    pub(super) point_offset: f64,
-    pub(super) line_offset: f64,
-    /// Squared number of standard deviations beyond which a correspondence takes no part.
-    pub(super) gate_sq: f64,
-    /// Factor on all standard deviations, for annealing.
-    pub(super) inflation: f64,
-}
-
-/// What is known besides the correspondences.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Soft {
-    /// (unit gravity in the camera, unit gravity in the world, sigma in radians)
-    pub(super) gravity: Option<(Vector3<f64>, Vector3<f64>, f64)>,
-    /// Prior model and the information matrix of its (rotation, normalised translation).
-    pub(super) prior: Option<(Model, Matrix6<f64>)>,
-    /// Standard deviation of ln focal; the focal length is fixed when `None`.
-    pub(super) sigma_ln_focal: Option<f64>,
-}
-
-/// Variance of one correspondence and its odds of being an inlier at zero residual; variance 0 marks one that takes no part.
-#[derive(Debug, Clone, Copy)]
-struct Frozen {
-    variance: f64,
-    odds: f64,
-}
-
-/// ln of a product of many factors of at least one, with few logarithms.
-#[derive(Debug, Clone, Copy)]
-struct LnProduct {
-    product: f64,
-    sum: f64,
-}
-
-impl LnProduct {
-    fn new() -> Self {
-        Self {
-            product: 1.0,
-            sum: 0.0,
-        }
-    }
-
-    #[inline]
-    fn multiply(&mut self, factor: f64) {
-        self.product *= factor;
-        if self.product > 1e150 {
-            self.sum += ln(self.product);
-            self.product = 1.0;
-        }
-    }
-
-    fn ln(self) -> f64 {
-        self.sum + ln(self.product)
-    }
-}
-
-/// Normal equations `h step = -g` and the loss.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Normal {
-    pub(super) h: Matrix7,
-    pub(super) g: Vector7,
-    pub(super) cost: f64,
-}
-
-impl Normal {
-    fn new() -> Self {
-        Self {
-            h: Matrix7::zeros(),
-            g: Vector7::zeros(),
-            cost: 0.0,
-        }
-    }
-
-    #[inline]
-    fn add<const D: usize>(&mut self, rows: &[Row; 2], r: &[f64; 2], weight: f64) {
-        for (row, r) in rows.iter().zip(r) {
-            for i in 0..D {
-                let wi = weight * row[i];
-                self.g[i] += wi * r;
-                for j in i..D {
-                    // Column-major upper triangle.
-                    self.h[(i, j)] += wi * row[j];
-                }
-            }
-        }
-    }
-
-    fn add_residual(&mut self, row: &Row, r: f64) {
-        self.add::<7>(&[*row, [0.0; 7]], &[r, 0.0], 1.0);
-        self.cost += 0.5 * r * r;
-    }
-
-    fn mirror(&mut self) {
-        for i in 0..7 {
-            for j in 0..i {
-                self.h[(i, j)] = self.h[(j, i)];
-            }
-        }
-    }
-
-    /// Damped step; unused columns (an empty diagonal) stay put.
-    fn step(&self, lambda: f64) -> Option<Row> {
-        let mut h = self.h;
-        let floor = 1e-12 * h.trace();
-        for i in 0..7 {
-            let d = h[(i, i)];
-            h[(i, i)] = if d > 0.0 {
-                d + lambda * d.max(floor)
-            } else {
-                1.0
-            };
-        }
-        let step = -h.cholesky()?.solve(&self.g);
-        step.iter()
-            .all(|s| s.is_finite())
-            .then(|| core::array::from_fn(|i| step[i]))
-    }
-}
+/// Factor on the standard deviations in the first round.
+const FIRST_INFLATION: f64 = 1.6;
 
 /// A correspondence near the model, for the estimation of the noise.
 #[derive(Debug, Clone, Copy)]
@@ -170,6 +45,8 @@ pub(super) struct Refiner {
     quick_variance: (f64, f64),
     near: Vec<Near>,
     values: Vec<f64>,
+    /// Sum of the odds over each set of alternatives.
+    sums: Vec<f64>,
 }
 
 /// Where the noise of the full refinement comes from.
@@ -177,8 +54,10 @@ pub(super) struct Refiner {
 pub(super) enum Scale {
     /// The residuals.
     Estimated,
-    /// The thresholds.
-    Ranking,
+    /// The pixels alone.
+    Pixels,
+    /// The thresholds, and nothing far beyond them counts.
+    Thresholds,
 }
 
 /// Which of the two lists a correspondence is in.
@@ -198,21 +77,6 @@ pub(super) struct Refined {
     pub(super) log_ratio: f64,
 }
 
-/// Posterior odds of being an inlier, and the weight in the normal equations.
-#[inline]
-fn student(odds: f64, r_sq: f64, variance: f64) -> (f64, f64) {
-    let t = 1.0 + r_sq / (TAIL * variance);
-    let odds = odds / (t * t * t);
-    let posterior = odds / (1.0 + odds);
-    (odds, posterior * (TAIL + 2.0) / (TAIL * t * variance))
-}
-
-/// Odds at zero residual: prior odds over the densities of inlier and outlier.
-#[inline]
-fn odds_at_zero(prior_odds: f64, variance: f64, null_density: f64) -> f64 {
-    prior_odds / (core::f64::consts::TAU * variance * null_density)
-}
-
 impl Refiner {
     /// Weights of the quick loss, which do not change during a search.
     pub(super) fn load(&mut self, problem: &Problem, point_sigma: f64, line_sigma: f64) {
@@ -223,14 +87,14 @@ impl Refiner {
             problem
                 .points
                 .iter()
-                .map(|p| evidence(p.logit, pv, problem.ln_null_point).max(0.0)),
+                .map(|p| evidence(p.belief.logit, pv, problem.ln_null_point).max(0.0)),
         );
         self.quick_lines.clear();
         self.quick_lines.extend(
             problem
                 .lines
                 .iter()
-                .map(|l| evidence(l.logit, lv, problem.ln_null_line).max(0.0)),
+                .map(|l| evidence(l.belief.logit, lv, problem.ln_null_line).max(0.0)),
         );
     }
 
@@ -295,10 +159,8 @@ impl Refiner {
         n
     }
 
-    /// Full refinement: anneals, re-estimates the noise between rounds, ends at a stationary point of the full loss.
-    ///
-    /// With `Scale::Ranking` the noise is not estimated: it is that of the ranking score, so the refinement stays with the
-    /// consensus that the thresholds define.
+    /// Full refinement: anneals, re-estimates the noise between rounds, ends at a stationary point of the full loss, or
+    /// where it is when the time is over.
     pub(super) fn full(
         &mut self,
         problem: &Problem,
@@ -306,7 +168,7 @@ impl Refiner {
         sigma_px: f64,
         soft: &Soft,
         scale: Scale,
-        rounds: usize,
+        watch: &mut Watch<'_>,
     ) -> Refined {
         let mut model = *start;
         let mut noise = Noise {
@@ -315,27 +177,40 @@ impl Refiner {
             point_offset: 0.0,
             line_offset: 0.0,
             gate_sq: 2500.0,
-            inflation: 1.6,
+            inflation: FIRST_INFLATION,
         };
-        let is_estimated = scale == Scale::Estimated;
-        if is_estimated {
-            noise.world_sigma = self.initial_world_sigma(problem, &model, &noise);
-        } else {
-            noise.sigma_px = self.quick_variance.0.min(self.quick_variance.1).sqrt();
-            noise.gate_sq = 12.0;
+        match scale {
+            Scale::Estimated => {
+                noise.world_sigma = self.initial_world_sigma(problem, &model, &noise);
+            }
+            Scale::Pixels => {
+                // The start is as good as the ranking score made it.
+                let ranking = self.quick_variance.0.max(self.quick_variance.1).sqrt();
+                noise.inflation *= (ranking / sigma_px).max(1.0);
+            }
+            Scale::Thresholds => {
+                noise.sigma_px = self.quick_variance.0.min(self.quick_variance.1).sqrt();
+                noise.gate_sq = 12.0;
+            }
         }
         let mut normal = Normal::new();
-        for round in 0..rounds {
-            let is_last = round + 1 == rounds;
+        for round in 0..ROUNDS {
+            let is_last = round + 1 == ROUNDS;
             if round > 0 {
-                noise.inflation = 1.0;
-                if is_estimated {
+                if watch.is_over() {
+                    break;
+                }
+                noise.inflation = match scale {
+                    Scale::Pixels if !is_last => noise.inflation.sqrt(),
+                    _ => 1.0,
+                };
+                if scale == Scale::Estimated {
                     self.update_noise(problem, &model, &mut noise);
                 }
             }
             self.freeze(problem, &model, &noise);
             let steps = if is_last { 20 } else { 5 };
-            (model, normal) = self.minimize(problem, &model, soft, steps);
+            (model, normal) = self.minimize(problem, &model, soft, steps, watch);
         }
         let log_ratio = -normal.cost - self.prior_mass(problem, &noise);
         orthonormalize(&mut model);
@@ -348,14 +223,25 @@ impl Refiner {
     }
 
     /// Sum of ln(1 / (1 - prior)): what the hypothesis of no inliers would gain.
-    fn prior_mass(&self, problem: &Problem, noise: &Noise) -> f64 {
+    fn prior_mass(&mut self, problem: &Problem, noise: &Noise) -> f64 {
+        let points = problem.points.iter().map(|p| &p.belief);
+        let lines = problem.lines.iter().map(|l| &l.belief);
         let (point_factor, line_factor) = (exp(noise.point_offset), exp(noise.line_offset));
+        let all = points
+            .map(|b| (b, point_factor))
+            .chain(lines.map(|b| (b, line_factor)));
+        self.sums.clear();
+        self.sums.resize(problem.num_alternatives as usize + 1, 0.0);
         let mut mass = LnProduct::new();
-        for p in &problem.points {
-            mass.multiply(1.0 + point_factor * p.odds);
+        for (belief, factor) in all {
+            if belief.alternatives == 0 {
+                mass.multiply(1.0 + factor * belief.odds);
+            } else {
+                self.sums[belief.alternatives as usize] += factor * belief.odds;
+            }
         }
-        for l in &problem.lines {
-            mass.multiply(1.0 + line_factor * l.odds);
+        for any in &self.sums {
+            mass.multiply(1.0 + any);
         }
         mass.ln()
     }
@@ -397,7 +283,7 @@ impl Refiner {
                     self.near.push(Near {
                         r_sq,
                         gain_sq: f_sq * res.inverse_depth_sq(),
-                        odds: item.odds * point_factor,
+                        odds: item.belief.odds_beside_others() * point_factor,
                         sigma: item.sigma,
                     });
                 }
@@ -412,7 +298,7 @@ impl Refiner {
                     self.near.push(Near {
                         r_sq,
                         gain_sq: f_sq * res.inverse_depth_sq(),
-                        odds: item.odds * line_factor,
+                        odds: item.belief.odds_beside_others() * line_factor,
                         sigma: item.sigma,
                     });
                 }
@@ -425,25 +311,26 @@ impl Refiner {
         // The shares first: posteriors at the current frozen noise against the priors.
         let (fx, fy) = (problem.fx, problem.fy);
         self.freeze(problem, model, noise);
+        self.sum_alternatives(problem, model);
         let factor = exp(noise.point_offset);
         let (mut found, mut expected) = (0.0, 0.0);
         for (item, frozen) in problem.points.iter().zip(&self.points) {
-            expected += probability(factor * item.odds);
+            expected += probability(factor * item.belief.odds_beside_others());
             if frozen.variance > 0.0
                 && let Some((res, ..)) = residuals::point(fx, fy, model, item)
             {
-                found += posterior(frozen, res.squared());
+                found += self.posterior(&item.belief, frozen, res.squared());
             }
         }
         noise.point_offset += share_step(found, expected, problem.points.len());
         let factor = exp(noise.line_offset);
         (found, expected) = (0.0, 0.0);
         for (item, frozen) in problem.lines.iter().zip(&self.lines) {
-            expected += probability(factor * item.odds);
+            expected += probability(factor * item.belief.odds_beside_others());
             if frozen.variance > 0.0
                 && let Some((res, _)) = residuals::line(fx, fy, model, item)
             {
-                found += posterior(frozen, res.squared());
+                found += self.posterior(&item.belief, frozen, res.squared());
             }
         }
         noise.line_offset += share_step(found, expected, problem.lines.len());
@@ -503,7 +390,7 @@ impl Refiner {
                 }
                 Frozen {
                     variance: v,
-                    odds: odds_at_zero(point_factor * item.odds, v, problem.null_point),
+                    odds: odds_at_zero(point_factor * item.belief.odds, v, problem.null_point),
                 }
             })
         }));
@@ -518,19 +405,70 @@ impl Refiner {
                 }
                 Frozen {
                     variance: v,
-                    odds: odds_at_zero(line_factor * item.odds, v, problem.null_line),
+                    odds: odds_at_zero(line_factor * item.belief.odds, v, problem.null_line),
                 }
             })
         }));
     }
 
+    /// Sums of the odds over the sets of alternatives at a model.
+    fn sum_alternatives(&mut self, problem: &Problem, model: &Model) {
+        self.sums.clear();
+        if problem.num_alternatives == 0 {
+            return;
+        }
+        self.sums.resize(problem.num_alternatives as usize + 1, 0.0);
+        let (fx, fy) = (problem.fx, problem.fy);
+        let sums = &mut self.sums;
+        let mut add = |belief: &Belief, frozen: &Frozen, r_sq: f64| {
+            sums[belief.alternatives as usize] += student(frozen.odds, r_sq, frozen.variance).0;
+        };
+        for (item, frozen) in problem.points.iter().zip(&self.points) {
+            if item.belief.alternatives > 0
+                && frozen.variance > 0.0
+                && let Some((res, ..)) = residuals::point(fx, fy, model, item)
+            {
+                add(&item.belief, frozen, res.squared());
+            }
+        }
+        for (item, frozen) in problem.lines.iter().zip(&self.lines) {
+            if item.belief.alternatives > 0
+                && frozen.variance > 0.0
+                && let Some((res, _)) = residuals::line(fx, fy, model, item)
+            {
+                add(&item.belief, frozen, res.squared());
+            }
+        }
+    }
+
+    /// Odds that a correspondence or one of its alternatives is right.
+    #[inline]
+    fn odds_of_any(&self, belief: &Belief, odds: f64) -> f64 {
+        if belief.alternatives == 0 {
+            odds
+        } else {
+            self.sums[belief.alternatives as usize]
+        }
+    }
+
+    fn posterior(&self, belief: &Belief, frozen: &Frozen, r_sq: f64) -> f64 {
+        let odds = student(frozen.odds, r_sq, frozen.variance).0;
+        odds / (1.0 + self.odds_of_any(belief, odds))
+    }
+
     /// Normal equations of the full loss with frozen variances. A correspondence behind the camera gains nothing.
-    fn normal(&self, problem: &Problem, model: &Model, soft: &Soft) -> Normal {
+    fn normal(&mut self, problem: &Problem, model: &Model, soft: &Soft) -> Normal {
+        self.sum_alternatives(problem, model);
         let mut n = Normal::new();
         let (fx, fy) = (problem.fx, problem.fy);
         let has_focal = soft.sigma_ln_focal.is_some();
         let mut gain = LnProduct::new();
-        let mut add = |rows: [Row; 2], r: [f64; 2], weight: f64| {
+        let mut add = |belief: &Belief, rows: [Row; 2], r: [f64; 2], odds: f64, weight: f64| {
+            let any = self.odds_of_any(belief, odds);
+            if belief.alternatives == 0 {
+                gain.multiply(1.0 + any);
+            }
+            let weight = weight * (odds / (1.0 + any));
             if has_focal {
                 n.add::<7>(&rows, &r, weight);
             } else {
@@ -543,9 +481,8 @@ impl Refiner {
             {
                 let (odds, weight) = student(frozen.odds, res.squared(), frozen.variance);
                 if odds > NEGLIGIBLE {
-                    gain.multiply(1.0 + odds);
                     let rows = residuals::point_rows(fx, fy, model, &z, &u);
-                    add(rows, res.r, weight);
+                    add(&item.belief, rows, res.r, odds, weight);
                 }
             }
         }
@@ -555,11 +492,13 @@ impl Refiner {
             {
                 let (odds, weight) = student(frozen.odds, res.squared(), frozen.variance);
                 if odds > NEGLIGIBLE {
-                    gain.multiply(1.0 + odds);
                     let rows = residuals::line_rows(fx, fy, model, item, &res, &state);
-                    add(rows, res.r, weight);
+                    add(&item.belief, rows, res.r, odds, weight);
                 }
             }
+        }
+        for any in &self.sums {
+            gain.multiply(1.0 + any);
         }
         n.cost = -gain.ln();
         add_soft(&mut n, model, soft);
@@ -569,16 +508,20 @@ impl Refiner {
 
     /// Levenberg-Marquardt with Nielsen's damping; the cost never rises.
     fn minimize(
-        &self,
+        &mut self,
         problem: &Problem,
         start: &Model,
         soft: &Soft,
         max_steps: usize,
+        watch: &mut Watch<'_>,
     ) -> (Model, Normal) {
         let mut model = *start;
         let mut normal = self.normal(problem, &model, soft);
         let (mut lambda, mut growth) = (1e-5, 2.0);
         for _ in 0..max_steps {
+            if watch.is_over() {
+                break;
+            }
             let Some(step) = normal.step(lambda) else {
                 lambda *= growth;
                 growth *= 2.0;
@@ -611,6 +554,7 @@ impl Refiner {
     /// Fixes the noise for [`Self::posteriors`].
     pub(super) fn freeze_at(&mut self, problem: &Problem, refined: &Refined) {
         self.freeze(problem, &refined.model, &refined.noise);
+        self.sum_alternatives(problem, &refined.model);
     }
 
     /// Source index, posterior inlier probability and odds at zero residual of every correspondence.
@@ -623,38 +567,23 @@ impl Refiner {
         let (fx, fy) = (problem.fx, problem.fy);
         for (item, frozen) in problem.points.iter().zip(&self.points) {
             let p = match residuals::point(fx, fy, model, item) {
-                Some((res, ..)) if frozen.variance > 0.0 => posterior(frozen, res.squared()),
+                Some((res, ..)) if frozen.variance > 0.0 => {
+                    self.posterior(&item.belief, frozen, res.squared())
+                }
                 _ => 0.0,
             };
             report(Kind::Point, item.source, p, frozen.odds);
         }
         for (item, frozen) in problem.lines.iter().zip(&self.lines) {
             let p = match residuals::line(fx, fy, model, item) {
-                Some((res, _)) if frozen.variance > 0.0 => posterior(frozen, res.squared()),
+                Some((res, _)) if frozen.variance > 0.0 => {
+                    self.posterior(&item.belief, frozen, res.squared())
+                }
                 _ => 0.0,
             };
             report(Kind::Line, item.source, p, frozen.odds);
         }
     }
-}
-
-fn probability(odds: f64) -> f64 {
-    odds / (1.0 + odds)
-}
-
-fn posterior(frozen: &Frozen, r_sq: f64) -> f64 {
-    probability(student(frozen.odds, r_sq, frozen.variance).0)
-}
-
-/// Change of the common logit that moves the expected number of inliers towards the found one; bounded for few items.
-fn share_step(found: f64, expected: f64, count: usize) -> f64 {
-    if count == 0 {
-        return 0.0;
-    }
-    let n = count as f64;
-    // One pseudo-count on each side keeps an empty kind from running away.
-    let odds = |x: f64| ln((x + 0.5) / (n - x + 0.5));
-    (odds(found) - odds(expected)).clamp(-2.0, 2.0)
 }
 
 fn orthonormalize(model: &mut Model) {
@@ -663,147 +592,4 @@ fn orthonormalize(model: &mut Model) {
     let z = x.cross(&y).normalize();
     let y = z.cross(&x);
     model.rotation = Matrix3::from_rows(&[x.transpose(), y.transpose(), z.transpose()]);
-}
-
-/// Residuals of gravity, prior pose and focal length.
-fn add_soft(n: &mut Normal, model: &Model, soft: &Soft) {
-    if let Some((in_cam, in_world, sigma)) = &soft.gravity {
-        for (r, row) in gravity_residuals(model, in_cam, in_world, *sigma) {
-            n.add_residual(&row, r);
-        }
-    }
-    if let Some((prior, information)) = &soft.prior {
-        let (xi, jacobian) = prior_residual(model, prior);
-        let h = jacobian.transpose() * information * jacobian;
-        let g = jacobian.transpose() * information * xi;
-        for i in 0..6 {
-            n.g[i] += g[i];
-            for j in i..6 {
-                n.h[(i, j)] += h[(i, j)];
-            }
-        }
-        n.cost += 0.5 * xi.dot(&(information * xi));
-    }
-    if let Some(sigma) = soft.sigma_ln_focal {
-        let mut row = [0.0; 7];
-        row[6] = 1.0 / sigma;
-        n.add_residual(&row, ln(model.focal) / sigma);
-    }
-}
-
-/// Components of the world's gravity, seen by the camera, that are normal to the measured one.
-fn gravity_residuals(
-    model: &Model,
-    in_cam: &Vector3<f64>,
-    in_world: &Vector3<f64>,
-    sigma: f64,
-) -> [(f64, Row); 2] {
-    let seen = model.rotation * in_world;
-    let axis = if in_cam.x.abs() < 0.7 {
-        Vector3::x()
-    } else {
-        Vector3::y()
-    };
-    let b1 = in_cam.cross(&axis).normalize();
-    let b2 = in_cam.cross(&b1);
-    [b1, b2].map(|b| {
-        let j = seen.cross(&b) / sigma;
-        (b.dot(&seen) / sigma, [j.x, j.y, j.z, 0.0, 0.0, 0.0, 0.0])
-    })
-}
-
-/// Logarithm of model * prior^-1 (rotation vector, translation) and its derivative.
-fn prior_residual(model: &Model, prior: &Model) -> (SVector<f64, 6>, Matrix6<f64>) {
-    let turn = model.rotation * prior.rotation.transpose();
-    let w = vector_from_rotation(&turn);
-    let v = model.translation - turn * prior.translation;
-    let angle = w.norm();
-    let k = w.cross_matrix();
-    let second = if angle < 1e-4 {
-        1.0 / 12.0
-    } else {
-        let (s, c) = (
-            crate::math::elementary::sin(angle),
-            crate::math::elementary::cos(angle),
-        );
-        1.0 / (angle * angle) - (1.0 + c) / (2.0 * angle * s)
-    };
-    let left_inverse = Matrix3::identity() - k * 0.5 + k * k * second;
-    let mut jacobian = Matrix6::identity();
-    jacobian
-        .fixed_view_mut::<3, 3>(0, 0)
-        .copy_from(&left_inverse);
-    jacobian
-        .fixed_view_mut::<3, 3>(3, 0)
-        .copy_from(&(-v.cross_matrix()));
-    let xi = SVector::<f64, 6>::from_iterator(w.iter().chain(v.iter()).copied());
-    (xi, jacobian)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::geometry::rotation_from_vector;
-    use crate::math::Rng;
-
-    fn model(rng: &mut Rng) -> Model {
-        let mut v = || Vector3::from_fn(|_, _| rng.normal());
-        Model {
-            rotation: rotation_from_vector(&v()),
-            translation: v(),
-            focal: 1.2,
-        }
-    }
-
-    #[test]
-    fn soft_jacobians_agree_with_central_differences() {
-        let mut rng = Rng::from_seed(31);
-        for _ in 0..100 {
-            let m = model(&mut rng);
-            let prior = residuals::perturbed(&m, &[0.1, -0.2, 0.15, 0.3, 0.2, -0.1, 0.0]);
-            let g_cam = Vector3::new(0.1, 0.9, -0.2).normalize();
-            let g_world = m.rotation.transpose() * Vector3::new(0.2, 0.85, -0.1).normalize();
-            let rows = gravity_residuals(&m, &g_cam, &g_world, 0.02);
-            let (_, jacobian) = prior_residual(&m, &prior);
-            let h = 1e-6;
-            for c in 0..6 {
-                let mut step = [0.0; 7];
-                step[c] = h;
-                let up = residuals::perturbed(&m, &step);
-                step[c] = -h;
-                let down = residuals::perturbed(&m, &step);
-                for k in 0..2 {
-                    let at = |m: &Model| gravity_residuals(m, &g_cam, &g_world, 0.02)[k].0;
-                    let numeric = (at(&up) - at(&down)) / (2.0 * h);
-                    assert!((numeric - rows[k].1[c]).abs() < 1e-6 * (1.0 + numeric.abs()));
-                }
-                let numeric =
-                    (prior_residual(&up, &prior).0 - prior_residual(&down, &prior).0) / (2.0 * h);
-                assert!((numeric - jacobian.column(c)).amax() < 1e-6);
-            }
-        }
-    }
-
-    #[test]
-    fn student_weight_is_the_derivative_of_its_gain() {
-        let gain = |r_sq: f64| (1.0 + student(150.0, r_sq, 2.0).0).ln();
-        for r_sq in [0.5, 4.0, 30.0, 200.0] {
-            let h = 1e-5;
-            let (_, weight) = student(150.0, r_sq, 2.0);
-            let numeric = (gain(r_sq + h) - gain(r_sq - h)) / (2.0 * h);
-            assert!((numeric + 0.5 * weight).abs() < 1e-5 * (1.0 + weight));
-        }
-    }
-
-    #[test]
-    fn ln_product_is_the_sum_of_logarithms() {
-        let mut product = LnProduct::new();
-        let mut sum = 0.0;
-        for i in 0..2_000 {
-            let factor = 1.0 + f64::from(i * i);
-            product.multiply(factor);
-            sum += factor.ln();
-        }
-        assert!((product.ln() - sum).abs() < 1e-9 * sum);
-    }
 }

@@ -180,6 +180,7 @@ pub(super) fn perturbed(model: &Model, step: &Row) -> Model {
 
 #[cfg(test)]
 mod tests {
+    use super::super::problem::Belief;
     use super::*;
     use crate::math::Rng;
 
@@ -199,9 +200,7 @@ mod tests {
             let p = PointItem {
                 uv: uv(vector(150.0)),
                 x: vector(1.0),
-                logit: 0.0,
-                odds: 1.0,
-                prior: 0.5,
+                belief: Belief::from_logit(0.0),
                 sigma: 0.0,
                 source: 0,
             };
@@ -213,9 +212,7 @@ mod tests {
                 x2,
                 direction: (x2 - x1).normalize(),
                 length_px: 1.0,
-                logit: 0.0,
-                odds: 1.0,
-                prior: 0.5,
+                belief: Belief::from_logit(0.0),
                 sigma: 0.0,
                 source: 0,
             };

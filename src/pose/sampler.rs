@@ -107,8 +107,8 @@ impl Sampler {
             let root = prior.sqrt();
             (0..power).fold(1.0, |w, _| w * root)
         };
-        self.points[e].build(problem.points.iter().map(|p| weight(p.prior)));
-        self.lines[e].build(problem.lines.iter().map(|l| weight(l.prior)));
+        self.points[e].build(problem.points.iter().map(|p| weight(p.belief.prior)));
+        self.lines[e].build(problem.lines.iter().map(|l| weight(l.belief.prior)));
     }
 
     /// Chooses the distribution of the next sample.
@@ -136,9 +136,9 @@ impl Sampler {
     ) {
         let weight = |prior: f64, is_explained: bool| if is_explained { 0.0 } else { prior };
         let points = problem.points.iter().zip(is_point_explained);
-        self.points[REST].build(points.map(|(p, is)| weight(p.prior, *is)));
+        self.points[REST].build(points.map(|(p, is)| weight(p.belief.prior, *is)));
         let lines = problem.lines.iter().zip(is_line_explained);
-        self.lines[REST].build(lines.map(|(l, is)| weight(l.prior, *is)));
+        self.lines[REST].build(lines.map(|(l, is)| weight(l.belief.prior, *is)));
     }
 
     /// The distribution in force, for planning.

@@ -66,7 +66,7 @@ impl Ranker {
         for chunk in problem.points.chunks(LANES) {
             let mut block = [[0.0f32; LANES]; 6];
             for (lane, p) in chunk.iter().enumerate() {
-                let w = evidence(p.logit, point_var, problem.ln_null_point).max(0.0);
+                let w = evidence(p.belief.logit, point_var, problem.ln_null_point).max(0.0);
                 let fields = [p.x.x, p.x.y, p.x.z, p.uv.x, p.uv.y, w];
                 for (k, value) in fields.into_iter().enumerate() {
                     block[k][lane] = value as f32;
@@ -78,7 +78,7 @@ impl Ranker {
         for chunk in problem.lines.chunks(LANES) {
             let mut block = [[0.0f32; LANES]; 11];
             for (lane, l) in chunk.iter().enumerate() {
-                let w = evidence(l.logit, line_var, problem.ln_null_line).max(0.0);
+                let w = evidence(l.belief.logit, line_var, problem.ln_null_line).max(0.0);
                 let fields = [
                     l.x1.x, l.x1.y, l.x1.z, l.x2.x, l.x2.y, l.x2.z, l.a.x, l.a.y, l.b.x, l.b.y, w,
                 ];
@@ -178,5 +178,113 @@ impl Ranker {
             i = to;
         }
         Some(Ranking { head, total })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::options::PoseOptions;
+    use super::super::residuals;
+    use super::super::types::{LineCorrespondence, PointCorrespondence};
+    use super::*;
+    use crate::geometry::{CamFromWorld, Camera, Pixel, rotation_from_vector};
+    use crate::math::Rng;
+    use nalgebra::Vector3;
+
+    /// Points and lines seen from the origin, a third of them somewhere else.
+    fn problem(rng: &mut Rng) -> Problem {
+        let camera = Camera::centered(640, 480, 500.0);
+        let mut observe = || {
+            let x = Vector3::new(
+                rng.range(-1.5, 1.5),
+                rng.range(-1.0, 1.0),
+                rng.range(2.0, 5.0),
+            );
+            let p = camera.pixel_from_cam(&x).unwrap_or_default();
+            let is_right = rng.below(3) > 0;
+            let noise = if is_right { 2.0 } else { 200.0 };
+            let pixel = Pixel::new(p.x + noise * rng.normal(), p.y + noise * rng.normal());
+            (pixel, x, rng.range(0.05, 0.95) as f32)
+        };
+        let points: Vec<_> = (0..150)
+            .map(|_| {
+                let (pixel, point_in_world, confidence) = observe();
+                PointCorrespondence {
+                    pixel,
+                    point_in_world,
+                    confidence,
+                    sigma_m: 0.0,
+                }
+            })
+            .collect();
+        let lines: Vec<_> = (0..70)
+            .map(|_| {
+                let ((start, start_in_world, confidence), (end, end_in_world, _)) =
+                    (observe(), observe());
+                LineCorrespondence {
+                    start,
+                    end,
+                    start_in_world,
+                    end_in_world,
+                    confidence,
+                    sigma_m: 0.0,
+                }
+            })
+            .collect();
+        let mut problem = Problem::default();
+        problem.load(&points, &lines, &camera, &PoseOptions::default());
+        problem
+    }
+
+    #[test]
+    fn the_score_is_the_sum_of_the_rectified_evidence_and_its_bound_is_safe() {
+        let mut rng = Rng::from_seed(17);
+        let (max_point, max_line) = (12.0, 10.0);
+        for _ in 0..20 {
+            let problem = problem(&mut rng);
+            let mut ranker = Ranker::default();
+            ranker.load(&problem, max_point, max_line);
+            let (ps, ls) = (ranker.point_sigma_px, ranker.line_sigma_px);
+            let mut floor = 0.0;
+            for k in 0..20 {
+                let size = 0.002 * f64::from(k);
+                let turn = rotation_from_vector(&Vector3::from_fn(|_, _| size * rng.normal()));
+                let shift = Vector3::from_fn(|_, _| size * rng.normal());
+                let model = problem.model_from_pose(&CamFromWorld::new(turn, shift), 1.0);
+                let (fx, fy) = (problem.fx, problem.fy);
+                let gain = |logit: f64, sigma: f64, ln_null: f64, r_sq: f64| {
+                    (evidence(logit, sigma * sigma, ln_null).max(0.0)
+                        - 0.5 * r_sq / (sigma * sigma))
+                        .max(0.0)
+                };
+                let of_points: f64 = problem
+                    .points
+                    .iter()
+                    .filter_map(|p| {
+                        let (r, ..) = residuals::point(fx, fy, &model, p)?;
+                        Some(gain(p.belief.logit, ps, problem.ln_null_point, r.squared()))
+                    })
+                    .sum();
+                let of_lines: f64 = problem
+                    .lines
+                    .iter()
+                    .filter_map(|l| {
+                        let (r, state) = residuals::line(fx, fy, &model, l)?;
+                        residuals::overlaps(fx, fy, l, &state, 1.0)
+                            .then(|| gain(l.belief.logit, ls, problem.ln_null_line, r.squared()))
+                    })
+                    .sum();
+                let exact = of_points + of_lines;
+                let score = ranker.score(&problem, &model).total;
+                assert!(
+                    (f64::from(score) - exact).abs() < 1e-3 * (1.0 + exact),
+                    "{score} {exact}"
+                );
+                // Leaving early never loses a better candidate.
+                let above = ranker.score_above(&problem, &model, floor, 0.0);
+                assert_eq!(above.is_some_and(|r| r.total > floor), score > floor);
+                floor = score.max(floor);
+            }
+        }
     }
 }

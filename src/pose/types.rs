@@ -4,7 +4,8 @@ use super::solvers::SolverKind;
 use crate::geometry::{CamFromWorld, Camera, CameraError, Pixel};
 use nalgebra::{Matrix6, Vector3};
 
-/// A pixel of the sensor image paired with a world point.
+/// A pixel of the sensor image paired with a world point. Several with exactly the same pixel are alternatives, of which at most
+/// one is right.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PointCorrespondence {
     /// Corner-based, distorted as the camera delivers it.
@@ -18,7 +19,7 @@ pub struct PointCorrespondence {
 }
 
 /// A segment of the sensor image paired with a world segment. Only the infinite lines are compared, so the ends may
-/// slide along them, but the two pieces must overlap.
+/// slide along them, but the two pieces must overlap. Several with exactly the same ends are alternatives.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LineCorrespondence {
     /// Corner-based, distorted as the camera delivers it, in the same convention as the points.

@@ -4,23 +4,25 @@ use super::covariance::{self, Uncertainty};
 use super::options::{Focal, PoseOptions, WorldNoise};
 use super::problem::{Model, Problem};
 use super::ransac::{NUM_KEPT, Search};
-use super::refine::{Kind, Refined, Scale, Soft};
+use super::refine::{Kind, Refined, Scale};
 use super::residuals;
+use super::soft::Soft;
 use super::types::{
     LineCorrespondence, PointCorrespondence, PoseError, PoseEstimate, PoseOutcome, PoseStats,
     PoseStatus, RunnerUp, StopReason,
 };
+use super::watch::Watch;
 use crate::geometry::Camera;
 use crate::math::elementary::ln;
-
-/// Rounds of the final refinement (each re-estimates the noise).
-const REFINE_ROUNDS: usize = 4;
 
 /// Kept models whose ranking falls below this share of the best are not worth a final refinement.
 const FINALIST_SHARE: f32 = 0.5;
 
 /// A refinement with estimated noise that keeps less than this share of the ranking score has left the consensus.
 const CONSENSUS_SHARE: f32 = 0.25;
+
+/// Correspondences of which more than this share have alternatives were matched with landmarks.
+const LANDMARK_SHARE: f64 = 0.2;
 
 /// A finalist with less than this share of the consensus of the best one does not win by its likelihood, and one with less than
 /// this share of the largest likelihood does not set that consensus.
@@ -132,8 +134,7 @@ pub fn estimate(
     if count > limit {
         return Err(PoseError::TooMany { count, limit });
     }
-    let deadline = options.time_budget_ms.map(|budget| clock() + budget);
-    let mut out_of_time = || deadline.is_some_and(|end| clock() >= end);
+    let mut watch = Watch::start(clock, options.time_budget_ms);
     scratch.clear_reports(points.len(), lines.len());
 
     let (width, height) = (f64::from(camera.width), f64::from(camera.height));
@@ -168,21 +169,23 @@ pub fn estimate(
     if scratch.problem.len() < sample_size {
         return Ok(outcome);
     }
+    if watch.is_over() {
+        outcome.status = PoseStatus::OutOfTime;
+        outcome.stats.stop = StopReason::TimeBudget;
+        return Ok(outcome);
+    }
     let soft = soft_terms(&scratch.problem, options);
     let stats = scratch
         .search
-        .run(&scratch.problem, options, &soft, &mut out_of_time);
+        .run(&scratch.problem, options, &soft, &mut watch);
     outcome.stats = PoseStats {
         num_invalid,
         num_outside_view,
         ..stats
     };
-    refine_finalists(scratch, options, &soft, &mut out_of_time);
+    refine_finalists(scratch, options, &soft, &mut watch);
     let Some(best) = scratch.finalists.first().copied() else {
-        outcome.status = match stats.stop {
-            StopReason::TimeBudget => PoseStatus::OutOfTime,
-            _ => PoseStatus::LowInliers,
-        };
+        refuse(&scratch.problem, &mut outcome);
         return Ok(outcome);
     };
     judge(scratch, options, &camera, has_focal, &best, &mut outcome);
@@ -222,7 +225,7 @@ fn refine_finalists(
     scratch: &mut PoseScratch,
     options: &PoseOptions,
     soft: &Soft,
-    out_of_time: &mut dyn FnMut() -> bool,
+    watch: &mut Watch<'_>,
 ) {
     let problem = &scratch.problem;
     scratch.finalists.clear();
@@ -231,27 +234,28 @@ fn refine_finalists(
     let Some(best) = search.kept.first().map(|k| k.ranking.total) else {
         return;
     };
-    let mut scale = match options.world_noise {
-        WorldNoise::Estimated => Scale::Estimated,
-        WorldNoise::FromThresholds => Scale::Ranking,
+    let are_landmarks = match options.world_noise {
+        WorldNoise::Automatic => problem.alternative_share > LANDMARK_SHARE,
+        WorldNoise::Estimated => false,
+        WorldNoise::Negligible => true,
+    };
+    let mut scale = if are_landmarks {
+        Scale::Pixels
+    } else {
+        Scale::Estimated
     };
     let mut i = 0;
     while let Some(k) = search.kept.get(i).copied() {
         let is_first = scratch.finalists.is_empty();
-        if k.ranking.total < FINALIST_SHARE * best || (!is_first && out_of_time()) {
+        if k.ranking.total < FINALIST_SHARE * best || (!is_first && watch.is_over()) {
             break;
         }
-        let refined = search.refiner.full(
-            problem,
-            &k.model,
-            options.sigma_px,
-            soft,
-            scale,
-            REFINE_ROUNDS,
-        );
+        let refined = search
+            .refiner
+            .full(problem, &k.model, options.sigma_px, soft, scale, watch);
         let ranking = search.ranker.score(problem, &refined.model).total;
         if is_first && scale == Scale::Estimated && !(ranking > CONSENSUS_SHARE * k.ranking.total) {
-            scale = Scale::Ranking;
+            scale = Scale::Thresholds;
             continue;
         }
         i += 1;
@@ -366,18 +370,27 @@ fn judge(
         runner_up,
     });
     let is_supported = log_evidence > MIN_LOG_EVIDENCE;
-    outcome.degeneracy = known.degeneracy.filter(|_| is_supported);
-    outcome.status = if !is_supported {
-        match outcome.stats.stop {
-            StopReason::TimeBudget => PoseStatus::OutOfTime,
-            _ => PoseStatus::LowInliers,
-        }
-    } else if outcome.degeneracy.is_some() {
+    if !is_supported {
+        refuse(problem, outcome);
+        return;
+    }
+    outcome.degeneracy = known.degeneracy;
+    outcome.status = if outcome.degeneracy.is_some() {
         PoseStatus::Degenerate
     } else if runner_up.is_some_and(|r| r.score_ratio > AMBIGUOUS_RATIO) {
         PoseStatus::Ambiguous
     } else {
         PoseStatus::Ok
+    };
+}
+
+/// Why no pose has support.
+fn refuse(problem: &Problem, outcome: &mut PoseOutcome) {
+    outcome.degeneracy = covariance::of_input(problem);
+    outcome.status = match (outcome.degeneracy, outcome.stats.stop) {
+        (Some(_), _) => PoseStatus::Degenerate,
+        (None, StopReason::TimeBudget) => PoseStatus::OutOfTime,
+        (None, _) => PoseStatus::LowInliers,
     };
 }
 

@@ -81,14 +81,18 @@ fn solve(kind: SolverKind, i: &Instance, out: &mut Solutions) {
     }
 }
 
-const CALIBRATED: [SolverKind; 6] = [
-    SolverKind::P3p,
-    SolverKind::P2p1ll,
-    SolverKind::P1p2ll,
-    SolverKind::P3ll,
-    SolverKind::Up2p,
-    SolverKind::Up1p1ll,
+/// With the most solutions that each may have.
+const CALIBRATED: [(SolverKind, usize); 6] = [
+    (SolverKind::P3p, 4),
+    (SolverKind::P2p1ll, 4),
+    (SolverKind::P1p2ll, 4),
+    (SolverKind::P3ll, 8),
+    (SolverKind::Up2p, 2),
+    (SolverKind::Up1p1ll, 2),
 ];
+
+/// PoseLib's tolerance for a found truth and for a valid solution.
+const FOUND: f64 = 1e-6;
 
 fn is_upright(kind: SolverKind) -> bool {
     matches!(kind, SolverKind::Up2p | SolverKind::Up1p1ll)
@@ -121,7 +125,7 @@ fn violation(kind: SolverKind, i: &Instance, pose: &CamFromWorld) -> f64 {
 
 #[test]
 fn every_solver_recovers_the_truth_in_all_random_problems() {
-    for kind in CALIBRATED {
+    for (kind, most) in CALIBRATED {
         let mut rng = Rng::from_seed(11);
         let mut out = Solutions::default();
         let (mut missed, mut total) = (0, 0);
@@ -134,18 +138,13 @@ fn every_solver_recovers_the_truth_in_all_random_problems() {
                 .iter()
                 .map(|pose| distance(pose, &i.truth))
                 .fold(f64::INFINITY, f64::min);
-            missed += usize::from(!(nearest < 1e-6));
-            if !(nearest < 1e-6) {
-                println!("{kind:?}: {} solutions, nearest {nearest:e}", out.len());
-            }
+            missed += usize::from(!(nearest < FOUND));
+            assert!(out.len() <= most, "{kind:?} has {} solutions", out.len());
             for pose in out.iter() {
                 worst_violation = worst_violation.max(violation(kind, &i, pose));
                 let skew = (pose.rotation * pose.rotation.transpose() - Matrix3::identity()).amax();
                 assert!(skew < 1e-12, "{kind:?} rotation off by {skew:e}");
                 assert!(pose.rotation.determinant() > 0.0);
-                for x in &i.points[..arity(kind).0] {
-                    assert!(pose.transform_point(x).z.is_finite());
-                }
             }
         }
         println!(
@@ -153,6 +152,7 @@ fn every_solver_recovers_the_truth_in_all_random_problems() {
             total as f64 / PROBLEMS as f64
         );
         assert_eq!(missed, 0, "{kind:?} missed the truth");
+        assert!(worst_violation < FOUND, "{kind:?}: {worst_violation:e}");
     }
 }
 
@@ -161,7 +161,7 @@ fn pnplf_recovers_pose_and_focal_length_of_every_mix() {
     for num_points in 0..=4usize {
         let mut rng = Rng::from_seed(12);
         let mut out = FocalSolutions::default();
-        let mut missed = 0;
+        let (mut missed, mut total, mut worst) = (0, 0, 0.0f64);
         for _ in 0..PROBLEMS {
             let i = instance(&mut rng, false);
             let focal = rng.range(400.0, 1500.0);
@@ -186,15 +186,21 @@ fn pnplf_recovers_pose_and_focal_length_of_every_mix() {
                 .iter()
                 .map(|s| distance(&s.cam_from_world, &i.truth) + (s.focal_px - focal).abs() / focal)
                 .fold(f64::INFINITY, f64::min);
-            missed += usize::from(!(nearest < 1e-4));
+            missed += usize::from(!(nearest < FOUND));
+            worst = worst.max(nearest);
+            total += out.len();
         }
+        println!(
+            "Pnplf, {num_points} points: mean solutions {:.2}, {missed} missed, worst {worst:.1e}",
+            total as f64 / PROBLEMS as f64
+        );
         assert_eq!(missed, 0, "{num_points} points: missed of {PROBLEMS}");
     }
 }
 
 #[test]
 fn solution_sets_follow_the_symmetries() {
-    for kind in CALIBRATED {
+    for (kind, _) in CALIBRATED {
         let mut rng = Rng::from_seed(13);
         let (mut out, mut other) = (Solutions::default(), Solutions::default());
         for _ in 0..500 {

@@ -35,6 +35,10 @@ const AMBIGUOUS_RATIO: f64 = 0.8;
 /// Log evidence that a pose must have: odds of 1000 to 1 against chance.
 const MIN_LOG_EVIDENCE: f64 = 6.9;
 
+/// Of what the likelihood takes for inliers, at least this share must lie within the thresholds: the noise may be estimated at
+/// twice the thresholds, but what is wider than that explains anything.
+const MIN_SHARE_WITHIN: f64 = 0.1;
+
 /// Spread of ln f around 1.2 times the larger image side for a camera of which nothing is known.
 const UNKNOWN_FOCAL_SIGMA_LN: f64 = 1.0;
 
@@ -369,7 +373,8 @@ fn judge(
         log_evidence,
         runner_up,
     });
-    let is_supported = log_evidence > MIN_LOG_EVIDENCE;
+    let within = (scratch.inliers.points.len() + scratch.inliers.lines.len()) as f64;
+    let is_supported = log_evidence > MIN_LOG_EVIDENCE && within >= MIN_SHARE_WITHIN * found;
     if !is_supported {
         refuse(problem, outcome);
         return;

@@ -31,8 +31,7 @@ fn samples() -> Vec<Sample> {
             let yaw = rotation_from_vector(&Vector3::new(0.0, rng.range(-3.0, 3.0), 0.0));
             let shift = Vector3::from_fn(|_, _| rng.normal());
             let world_from_cam = CamFromWorld::new(yaw, shift).inverse();
-            let ray =
-                |rng: &mut Rng| Vector3::new(rng.range(-0.6, 0.6), rng.range(-0.6, 0.6), 1.0);
+            let ray = |rng: &mut Rng| Vector3::new(rng.range(-0.6, 0.6), rng.range(-0.6, 0.6), 1.0);
             let bearings = core::array::from_fn(|_| ray(&mut rng).normalize());
             let mut depth = || rng.range(0.5, 8.0);
             let points = bearings.map(|b| world_from_cam.transform_point(&(b * depth())));
@@ -92,7 +91,9 @@ fn solvers(c: &mut Criterion) {
     let pixels = |s: &Sample| s.bearings.map(|b| Vector2::new(b.x, b.y) * (500.0 / b.z));
     let lines = |s: &Sample| {
         s.lines.map(|l| ImageLineCentered {
-            line: l.normal_in_cam.component_mul(&Vector3::new(1.0, 1.0, 500.0)),
+            line: l
+                .normal_in_cam
+                .component_mul(&Vector3::new(1.0, 1.0, 500.0)),
             point_in_world: l.point_in_world,
             direction_in_world: l.direction_in_world,
         })
@@ -103,7 +104,12 @@ fn solvers(c: &mut Criterion) {
             b.iter(|| {
                 for s in &samples {
                     let n = num_points;
-                    pnplf(&pixels(s)[..n], &s.points[..n], &lines(s)[..4 - n], &mut out);
+                    pnplf(
+                        &pixels(s)[..n],
+                        &s.points[..n],
+                        &lines(s)[..4 - n],
+                        &mut out,
+                    );
                     black_box(out.len());
                 }
             });

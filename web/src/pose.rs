@@ -158,7 +158,7 @@ fn status_code(status: PoseStatus) -> f64 {
 fn pose_options(numbers: &[f64]) -> PoseOptions {
     let mut options = PoseOptions::default();
     let given = |i: usize| numbers.get(i).copied().filter(|v| !v.is_nan());
-    let mut set = |i: usize, field: &mut f64| {
+    let set = |i: usize, field: &mut f64| {
         if let Some(v) = given(i) {
             *field = v;
         }

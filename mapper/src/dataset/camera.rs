@@ -103,7 +103,9 @@ impl CameraRecord {
         Ok(match (self.model.as_str(), p) {
             ("SIMPLE_FISHEYE", &[f, cx, cy]) => fisheye(f, f, cx, cy, [0.0; 4])?,
             ("FISHEYE", &[fx, fy, cx, cy]) => fisheye(fx, fy, cx, cy, [0.0; 4])?,
-            ("SIMPLE_RADIAL_FISHEYE", &[f, cx, cy, k]) => fisheye(f, f, cx, cy, [k, 0.0, 0.0, 0.0])?,
+            ("SIMPLE_RADIAL_FISHEYE", &[f, cx, cy, k]) => {
+                fisheye(f, f, cx, cy, [k, 0.0, 0.0, 0.0])?
+            }
             ("RADIAL_FISHEYE", &[f, cx, cy, k1, k2]) => fisheye(f, f, cx, cy, [k1, k2, 0.0, 0.0])?,
             ("THIN_PRISM_FISHEYE", &[fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, s1, s2]) => {
                 if [p1, p2, s1, s2] != [0.0; 4] {

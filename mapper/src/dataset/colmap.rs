@@ -253,9 +253,7 @@ fn read_binary(folder: &Path) -> Result<RawModel, DatasetError> {
                 "camera model {model} is unknown, and the file does not say how many parameters it has"
             ))
         })?;
-        let params = (0..num_params)
-            .map(|_| r.f64())
-            .collect::<Result<_, _>>()?;
+        let params = (0..num_params).map(|_| r.f64()).collect::<Result<_, _>>()?;
         cameras.insert(
             id,
             CameraRecord {

@@ -1,11 +1,10 @@
 //! Checkpoints as PyTorch writes them, in both of its formats, and what is made of damaged ones.
 
-use crate::memory::peak_bytes;
 use landline::models::ExtractorKind;
 use landline_mapper::import::checkpoint::{Checkpoint, ForeignTensor};
 use landline_mapper::import::zip::{ZipError, entries};
 use landline_mapper::import::{ImportError, ImportOptions, Imported, import};
-use landline_testkit::{shared_data, skip};
+use landline_testkit::{peak_bytes, shared_data, skip};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 

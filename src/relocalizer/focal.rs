@@ -13,6 +13,10 @@ const MIN_COUNT: usize = 5;
 const MAX_SIGMA_LN: f64 = 0.10;
 /// Below this the remembered value is as good as given. 1.7 % costs 5 cm at 3 m.
 const FROZEN_SIGMA_LN: f64 = 0.01;
+/// A value from an earlier session is believed no better than this: a good start that a few frames can correct.
+const RECALLED_SIGMA_LN: f64 = 0.02;
+/// Focal length divided by width, from a view of 150 degrees to one of 3.
+const PLAUSIBLE: core::ops::RangeInclusive<f64> = 0.13..=20.0;
 /// Cameras that are remembered; the least recently named is dropped.
 const MAX_CAMERAS: usize = 16;
 
@@ -35,8 +39,19 @@ impl FocalBelief {
 /// Beliefs by the name of the camera.
 #[derive(Debug, Clone, Default)]
 pub struct FocalMemory {
-    cameras: BTreeMap<String, (VecDeque<f64>, u64)>,
+    cameras: BTreeMap<String, Known>,
     uses: u64,
+}
+
+/// What is kept of one camera.
+#[derive(Debug, Clone, Default)]
+struct Known {
+    /// ln f of the last frames.
+    measured: VecDeque<f64>,
+    /// Focal length divided by the width, from an earlier session.
+    recalled: Option<f64>,
+    /// When it was named last.
+    used: u64,
 }
 
 impl FocalMemory {
@@ -45,11 +60,15 @@ impl FocalMemory {
         self.cameras.clear();
     }
 
-    /// What is known about a camera; `None` for too few measurements or an empty name.
+    /// What is known about a camera; `None` for an empty name, or for too few measurements and nothing from before.
     pub fn belief(&self, camera: &str) -> Option<FocalBelief> {
-        let (measured, _) = self.cameras.get(camera)?;
+        let known = self.cameras.get(camera)?;
+        let measured = &known.measured;
         if measured.len() < MIN_COUNT {
-            return None;
+            return known.recalled.map(|focal_per_width| FocalBelief {
+                focal_per_width,
+                sigma_ln: RECALLED_SIGMA_LN,
+            });
         }
         let mut sorted: Vec<f64> = measured.iter().copied().collect();
         let middle = median(&mut sorted);
@@ -71,24 +90,34 @@ impl FocalMemory {
         if camera.is_empty() || !usable {
             return;
         }
-        self.uses += 1;
-        let uses = self.uses;
-        let (measured, used) = self.cameras.entry(camera.to_owned()).or_default();
-        *used = uses;
+        let measured = &mut self.named(camera).measured;
         if measured.len() == CAPACITY {
             measured.pop_front();
         }
         measured.push_back(libm::log(focal_per_width));
-        if self.cameras.len() > MAX_CAMERAS {
-            let oldest = self
-                .cameras
-                .iter()
-                .min_by_key(|(_, (_, used))| *used)
-                .map(|(name, _)| name.clone());
-            if let Some(name) = oldest {
+    }
+
+    /// Takes over what an earlier session believed; measurements of this one outvote it. False when the value is none.
+    pub fn recall(&mut self, camera: &str, focal_per_width: f64) -> bool {
+        let usable = !camera.is_empty() && PLAUSIBLE.contains(&focal_per_width);
+        if usable {
+            self.named(camera).recalled = Some(focal_per_width);
+        }
+        usable
+    }
+
+    /// The entry of a camera, in place of the one that was not named for longest when there are too many.
+    fn named(&mut self, camera: &str) -> &mut Known {
+        if !self.cameras.contains_key(camera) && self.cameras.len() >= MAX_CAMERAS {
+            let oldest = self.cameras.iter().min_by_key(|(_, known)| known.used);
+            if let Some(name) = oldest.map(|(name, _)| name.clone()) {
                 self.cameras.remove(&name);
             }
         }
+        self.uses += 1;
+        let known = self.cameras.entry(camera.to_owned()).or_default();
+        known.used = self.uses;
+        known
     }
 }
 
@@ -132,6 +161,23 @@ mod tests {
         assert_eq!(memory.belief("a"), None);
         assert_eq!(memory.belief(""), None);
         assert_eq!(memory.belief("b"), None);
+    }
+
+    #[test]
+    fn recalls_until_this_session_knows_better() {
+        let mut memory = FocalMemory::default();
+        assert!(memory.recall("back", 0.8));
+        let recalled = memory.belief("back");
+        assert!(recalled.is_some_and(|b| b.focal_per_width == 0.8 && !b.is_frozen()));
+        for _ in 0..MIN_COUNT {
+            memory.learn("back", 0.9, 0.01);
+        }
+        let learned = memory.belief("back");
+        assert!(learned.is_some_and(|b| (b.focal_per_width - 0.9).abs() < 1e-12));
+        assert!(
+            !memory.recall("", 0.8) && !memory.recall("a", f64::NAN) && !memory.recall("a", 0.0)
+        );
+        assert_eq!(memory.belief("a"), None);
     }
 
     #[test]

@@ -18,6 +18,7 @@ mod focal;
 mod front_end;
 #[cfg(feature = "webgpu")]
 mod gpu;
+mod last_frame;
 mod options;
 mod result;
 mod smoothing;
@@ -35,13 +36,14 @@ pub use smoothing::{PoseFilter, Smoothing};
 pub use timings::StageTimings;
 pub use tracking::{LimitedReason, Track, TrackState};
 
-use crate::geometry::{CamFromWorld, Camera, Segment2};
+use crate::geometry::{CamFromWorld, Camera};
 use crate::image::FrameView;
 use crate::pose::{
     self, Focal, LineCorrespondence, PointCorrespondence, PoseOptions, PoseScratch, PriorPose,
 };
 use crate::regress::{Predictions, Regressor};
 use crate::scene_file::{ExtractorFile, SceneFile, SceneInfo};
+use last_frame::{count, mark};
 use timings::Stopwatch;
 
 /// Focal length divided by the longer side where nothing is known: the middle of phones' video cameras.
@@ -201,6 +203,21 @@ impl Relocalizer {
     pub fn reset(&mut self) {
         self.track = Track::default();
         self.filter.reset();
+    }
+
+    /// Takes over the focal length (divided by the width) that an earlier session learned of a camera, as a start.
+    ///
+    /// # Errors
+    /// [`CreateError::Option`] for an empty name or a focal length that no camera has.
+    pub fn recall_camera(&mut self, name: &str, focal_per_width: f64) -> Result<(), CreateError> {
+        if self.focal.recall(name, focal_per_width) {
+            return Ok(());
+        }
+        Err(CreateError::Option {
+            name: "focal_per_width",
+            value: focal_per_width,
+            expected: "0.13 to 20, for a camera that has a name",
+        })
     }
 
     /// Locates one frame. `clock` tells milliseconds, for timings and the time budget.
@@ -466,40 +483,6 @@ impl Relocalizer {
         })
     }
 
-    /// Point correspondences of the last frame, in pixels of the frame, and whether they agree with the pose.
-    pub fn points(&self) -> impl Iterator<Item = (PointCorrespondence, bool)> + '_ {
-        let sensor = self.front_end.working_from_sensor().inverse();
-        self.points
-            .iter()
-            .zip(&self.is_point_inlier)
-            .map(move |(c, is_inlier)| {
-                let pixel = sensor.apply(c.pixel);
-                (PointCorrespondence { pixel, ..*c }, *is_inlier)
-            })
-    }
-
-    /// Line correspondences of the last frame, in pixels of the frame, and whether they agree with the pose.
-    pub fn lines(&self) -> impl Iterator<Item = (LineCorrespondence, bool)> + '_ {
-        let sensor = self.front_end.working_from_sensor().inverse();
-        self.lines
-            .iter()
-            .zip(&self.is_line_inlier)
-            .map(move |(c, is_inlier)| {
-                let (start, end) = (sensor.apply(c.start), sensor.apply(c.end));
-                (LineCorrespondence { start, end, ..*c }, *is_inlier)
-            })
-    }
-
-    /// Segments of the last frame, in pixels of the frame.
-    pub fn segments(&self) -> impl Iterator<Item = Segment2> + '_ {
-        let sensor = self.front_end.working_from_sensor().inverse();
-        self.front_end
-            .features()
-            .segments
-            .iter()
-            .map(move |s| s.mapped(&sensor))
-    }
-
     /// Intrinsics to start from, where they come from, and how free the focal length is.
     fn camera_for(
         &self,
@@ -577,55 +560,4 @@ impl Relocalizer {
         self.filter
             .apply(self.options.smoothing, cam_from_world, query.timestamp_ms)
     }
-
-    /// Marks what agrees with the pose; the median error of what does, in pixels of the working image.
-    fn mark_inliers(&mut self) -> f64 {
-        let inliers = self.pose.inliers();
-        mark(
-            &inliers.points,
-            self.points.len(),
-            &mut self.is_point_inlier,
-        );
-        mark(&inliers.lines, self.lines.len(), &mut self.is_line_inlier);
-        let points = self
-            .pose
-            .point_errors_px()
-            .iter()
-            .zip(&self.is_point_inlier);
-        let lines = self.pose.line_errors_px().iter().zip(&self.is_line_inlier);
-        self.errors_px.clear();
-        self.errors_px
-            .extend(points.filter(|(_, is_inlier)| **is_inlier).map(|(e, _)| *e));
-        // A line has an error at each end; their mean is comparable with a point's.
-        self.errors_px.extend(
-            lines
-                .filter(|(_, is_inlier)| **is_inlier)
-                .map(|([a, b], _)| 0.5 * (a + b)),
-        );
-        if self.errors_px.is_empty() {
-            return 0.0;
-        }
-        let middle = self.errors_px.len() / 2;
-        f64::from(
-            *self
-                .errors_px
-                .select_nth_unstable_by(middle, f32::total_cmp)
-                .1,
-        )
-    }
-}
-
-/// Flags from indices.
-fn mark(indices: &[u32], num: usize, flags: &mut Vec<bool>) {
-    flags.clear();
-    flags.resize(num, false);
-    for i in indices {
-        if let Some(flag) = flags.get_mut(*i as usize) {
-            *flag = true;
-        }
-    }
-}
-
-fn count(flags: &[bool]) -> usize {
-    flags.iter().filter(|f| **f).count()
 }

@@ -279,6 +279,17 @@ impl RawRelocalizer {
             .map_err(|e| from_create(&e))
     }
 
+    /// Takes over what an earlier session learned of a camera.
+    ///
+    /// # Errors
+    /// A JavaScript `Error` with a `code`.
+    #[wasm_bindgen(js_name = recallCamera)]
+    pub fn recall_camera(&mut self, name: &str, focal_per_width: f64) -> Result<(), JsValue> {
+        self.core
+            .recall_camera(name, focal_per_width)
+            .map_err(|e| from_create(&e))
+    }
+
     /// Forgets where the camera was.
     pub fn reset(&mut self) {
         self.core.reset();

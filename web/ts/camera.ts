@@ -132,11 +132,12 @@ export function follow(relocalizer: Relocalizer, video: HTMLVideoElement, option
     try {
       const name = typeof options.camera === "function" ? options.camera() : options.camera;
       const track = video.srcObject instanceof MediaStream ? video.srcObject.getVideoTracks()[0] : undefined;
-      const intrinsics = options.intrinsics ?? intrinsicsFromTrack(track);
+      const { intrinsics: given } = options;
+      const intrinsics = given ?? intrinsicsFromTrack(track);
       const result = await relocalizer.locate(video, {
         tracking: true,
         timestamp: performance.timeOrigin + now,
-        ...(intrinsics ? { intrinsics } : {}),
+        ...(intrinsics ? { intrinsics, intrinsicsSource: given ? "given" : "track" } : {}),
         ...(name === undefined ? {} : { camera: name }),
         ...(options.include ? { include: options.include } : {}),
       });

@@ -82,12 +82,21 @@ export class DirectChannel implements Channel {
 
   close(): void {
     this.#closed = true;
-    this.#engine?.dispose();
-    this.#engine = undefined;
+    // A frame that is under way still holds the engine: it goes when that frame is done.
+    void this.#queue.then(() => {
+      this.#engine?.dispose();
+      this.#engine = undefined;
+    });
   }
 
   async #answer(name: CallName, request: unknown): Promise<unknown> {
     if (this.#closed) throw disposed();
+    const reply = await this.#perform(name, request);
+    if (this.#closed) throw disposed();
+    return reply;
+  }
+
+  async #perform(name: CallName, request: unknown): Promise<unknown> {
     if (name === "create") {
       const made = await Engine.create(request as Calls["create"]["request"]);
       this.#engine = made.engine;
@@ -100,6 +109,8 @@ export class DirectChannel implements Channel {
         return engine.locate(request as Calls["locate"]["request"]);
       case "setOptions":
         return engine.setOptions(request as Calls["setOptions"]["request"]);
+      case "recallCamera":
+        return engine.recallCamera(request as Calls["recallCamera"]["request"]);
       case "reset":
         return engine.reset();
       case "memory":

@@ -4,11 +4,19 @@ import { decodeResult } from "./decode.js";
 import { sizeOf } from "./frames.js";
 import type { Created, CreateRequest, LocateRequest, MemoryUse, WireFrame } from "./protocol.js";
 import { instantiate, RawRelocalizer } from "./raw.js";
-import type { Include, LiveOptions, LocateResult, SceneInfo } from "./types.js";
+import type { Include, KnownIntrinsicsSource, LiveOptions, LocateResult, SceneInfo } from "./types.js";
 
 const formatCode = { luma8: 0, rgba8: 1, rgb8: 2 } as const;
 const includeBit: Record<Include, number> = { points: 1, lines: 2, segments: 4 };
-const sourceCode: Record<string, number> = { given: 0, track: 1, exif: 2 };
+const sourceCode: Record<KnownIntrinsicsSource, number> = { given: 0, track: 1, exif: 2 };
+
+function includeBits(names: readonly Include[]): number {
+  return names.reduce((bits, name) => {
+    const bit: number | undefined = includeBit[name];
+    if (bit === undefined) throw new LandlineError("bad-input", `include ${JSON.stringify(name)} is unknown`, "Use points, lines or segments.");
+    return bits | bit;
+  }, 0);
+}
 
 type Canvas = OffscreenCanvas | HTMLCanvasElement;
 type Context = OffscreenCanvasRenderingContext2D | CanvasRenderingContext2D;
@@ -56,11 +64,11 @@ export class Engine {
         pixels.stride,
         formatCode[pixels.format],
         k ? Float64Array.of(k.fx, k.fy, k.cx, k.cy) : new Float64Array(0),
-        sourceCode[request.intrinsicsSource] ?? 0,
+        sourceCode[request.intrinsicsSource],
         request.timestampMs,
         request.camera,
         request.tracking,
-        request.include.reduce((bits, name) => bits | includeBit[name], 0),
+        includeBits(request.include),
       );
       const numbers = new Float64Array(this.#memory.buffer, raw.resultAddress(), raw.resultLength());
       return decodeResult(numbers, { timestampMs: request.timestampMs, transferMs, include: request.include, backendReason: raw.backendReason() });
@@ -74,6 +82,16 @@ export class Engine {
   setOptions(options: LiveOptions): void {
     try {
       this.#alive().setOptions(JSON.stringify(options));
+    } catch (error) {
+      throw this.#note(error);
+    }
+  }
+
+  /** Takes over a focal length that was learned before. */
+  recallCamera({ camera, focalPerWidth }: { camera: string; focalPerWidth: number }): null {
+    try {
+      this.#alive().recallCamera(camera, focalPerWidth);
+      return null;
     } catch (error) {
       throw this.#note(error);
     }

@@ -16,8 +16,6 @@ export type LandlineErrorCode =
   | "scene-extractor"
   /** The extractor's weights are damaged or of another network. */
   | "extractor-corrupt"
-  /** The WebGPU device is gone and cannot be replaced. */
-  | "webgpu-lost"
   /** Memory could not be had. */
   | "out-of-memory"
   /** An argument makes no sense; `message` names it and its value. */
@@ -32,18 +30,38 @@ export type LandlineErrorCode =
   /** `dispose()` was called before or during this call. */
   | "disposed";
 
+/** What helps when the place that raised an error knew nothing better. */
+const hints: Record<LandlineErrorCode, string> = {
+  unsupported: "Update the browser, or use another one.",
+  "asset-fetch": "Check the connection and the address, then try again.",
+  "asset-mime": "Check that the package's files are served as they are.",
+  "asset-integrity": "Load the file again, or correct the expected checksum.",
+  "scene-version": "Update this page, or export the scene again with a matching version of the landline tool.",
+  "scene-corrupt": "Choose a file that ends in .landline, or export or download it again.",
+  "scene-extractor": "Load the scene with the extractor it names, or teach the scene again with this one.",
+  "extractor-corrupt": "Load the extractor's file again; clear this site's cache if it keeps failing.",
+  "out-of-memory": "Close other tabs, or use smaller pictures.",
+  "bad-input": "Correct the argument that the message names.",
+  "camera-unavailable": "Connect a camera, or use a picture or a video.",
+  "camera-denied": "Allow the camera in the browser's settings for this page, then try again.",
+  "camera-busy": "Close the other program or tab that uses the camera, then try again.",
+  "camera-insecure": "Open the page with https://.",
+  panicked: "Create the relocalizer again; please report how to repeat this.",
+  disposed: "Create a new relocalizer.",
+};
+
 /** Every error that this package raises itself. Cancelling by a signal rejects with the signal's own reason. */
 export class LandlineError extends Error {
   override readonly name = "LandlineError";
   /** Stable; made for `switch`. */
   readonly code: LandlineErrorCode;
-  /** What the reader can do about it, one sentence; empty when there is nothing. */
+  /** What the reader can do about it; never empty. */
   readonly hint: string;
 
   constructor(code: LandlineErrorCode, message: string, hint = "", cause?: unknown) {
     super(message, cause === undefined ? undefined : { cause });
     this.code = code;
-    this.hint = hint;
+    this.hint = hint || hints[code];
   }
 }
 
@@ -54,32 +72,22 @@ export interface PlainError {
   hint: string;
 }
 
-const hints: Partial<Record<LandlineErrorCode, string>> = {
-  "scene-version": "Update this page, or export the scene again with a matching version of the landline tool.",
-  "scene-corrupt": "Choose a file that ends in .landline, or export or download it again.",
-  "scene-extractor": "Load the scene with the extractor it names, or teach the scene again with this one.",
-  "extractor-corrupt": "Load the extractor's file again; clear this site's cache if it keeps failing.",
-  "out-of-memory": "Close other tabs, or use smaller pictures.",
-  panicked: "Create the relocalizer again; please report how to repeat this.",
-};
-
 /** Makes a `LandlineError` from anything thrown by the engine or the other thread. */
 export function asLandlineError(thrown: unknown): LandlineError {
   if (thrown instanceof LandlineError) return thrown;
   const fields = thrown as Partial<PlainError> | null | undefined;
   const message = typeof fields?.message === "string" ? fields.message : String(thrown);
-  if (typeof fields?.code === "string" && fields.code !== "") {
-    const code = fields.code as LandlineErrorCode;
-    return new LandlineError(code, message, fields.hint || hints[code] || "", thrown);
+  if (typeof fields?.code === "string" && fields.code in hints) {
+    return new LandlineError(fields.code as LandlineErrorCode, message, fields.hint, thrown);
   }
   // A trap leaves the wasm instance in an unknown state: nothing that it returns afterwards can be trusted.
   if (typeof WebAssembly !== "undefined" && thrown instanceof WebAssembly.RuntimeError) {
-    return new LandlineError("panicked", `the engine stopped: ${message}`, hints.panicked, thrown);
+    return new LandlineError("panicked", `the engine stopped: ${message}`, "", thrown);
   }
   if (thrown instanceof RangeError && /memory|allocation/i.test(message)) {
-    return new LandlineError("out-of-memory", message, hints["out-of-memory"], thrown);
+    return new LandlineError("out-of-memory", message, "", thrown);
   }
-  return new LandlineError("panicked", message, hints.panicked, thrown);
+  return new LandlineError("panicked", message, "", thrown);
 }
 
 /** The opposite of `asLandlineError`, for messages between threads. */

@@ -1,6 +1,6 @@
 /** Messages between the page and the worker. */
 import type { PlainError } from "./errors.js";
-import type { Device, Include, Intrinsics, IntrinsicsSource, LiveOptions, LocateResult, RawFrame, SceneInfo, Backend } from "./types.js";
+import type { Device, Include, Intrinsics, KnownIntrinsicsSource, LiveOptions, LocateResult, RawFrame, SceneInfo, Backend } from "./types.js";
 
 /** Pixels, or something that the worker can draw. */
 export type WireFrame = RawFrame | ImageBitmap | VideoFrame;
@@ -16,7 +16,7 @@ export interface CreateRequest {
 export interface LocateRequest {
   frame: WireFrame;
   intrinsics?: Intrinsics;
-  intrinsicsSource: IntrinsicsSource;
+  intrinsicsSource: KnownIntrinsicsSource;
   timestampMs: number;
   include: readonly Include[];
   camera: string;
@@ -40,6 +40,7 @@ export interface Calls {
   create: { request: CreateRequest; reply: Created };
   locate: { request: LocateRequest; reply: LocateResult };
   setOptions: { request: LiveOptions; reply: null };
+  recallCamera: { request: { camera: string; focalPerWidth: number }; reply: null };
   reset: { request: null; reply: null };
   memory: { request: null; reply: MemoryUse };
   dispose: { request: null; reply: null };

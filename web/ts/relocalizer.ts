@@ -4,9 +4,9 @@ import { DirectChannel, WorkerChannel, type Channel } from "./channel.js";
 import { LandlineError } from "./errors.js";
 import { intrinsicsForFrame, prepareFrame, sizeOf } from "./frames.js";
 import { loadEngine } from "./init.js";
-import type { MemoryUse } from "./protocol.js";
+import type { LocateRequest, MemoryUse, WireFrame } from "./protocol.js";
 import { isNode } from "./support.js";
-import type { Backend, CreateOptions, Device, FrameSource, Intrinsics, IntrinsicsSource, LiveOptions, LocateOptions, LocateResult, SceneInfo } from "./types.js";
+import type { Backend, CreateOptions, Device, FrameSource, Intrinsics, KnownIntrinsicsSource, LiveOptions, LocateOptions, LocateResult, SceneInfo } from "./types.js";
 
 /** Where the extractor's weights lie in this package. */
 export function packagedExtractorUrl(): URL {
@@ -17,6 +17,7 @@ export function packagedExtractorUrl(): URL {
 export type StateEvent = CustomEvent<LocateResult>;
 
 const devices: readonly Device[] = ["auto", "webgpu", "cpu"];
+const knownSources: readonly KnownIntrinsicsSource[] = ["given", "track", "exif"];
 
 /**
  * Finds the camera in one taught place.
@@ -123,36 +124,28 @@ export class Relocalizer extends EventTarget {
       const calledAt = performance.timeOrigin + performance.now();
       const prepared = await prepareFrame(source, options.transfer ?? false, this.#toThread);
       const { frame } = prepared;
-      let intrinsics: Intrinsics | undefined;
-      let intrinsicsSource: IntrinsicsSource = "given";
+      let result: LocateResult;
       try {
         this.#check();
         options.signal?.throwIfAborted();
-        const { width, height } = sizeOf(frame);
-        if (options.intrinsics) {
-          intrinsics = intrinsicsForFrame(options.intrinsics, width, height);
-        } else if (prepared.exif) {
-          intrinsics = intrinsicsForFrame(prepared.exif, width, height);
-          intrinsicsSource = "exif";
-        }
+        result = await this.#channel.call(
+          "locate",
+          {
+            frame,
+            ...intrinsicsOf(frame, options, prepared.exif),
+            timestampMs: options.timestamp ?? calledAt,
+            include: options.include ?? [],
+            camera: options.camera ?? "",
+            tracking: options.tracking ?? false,
+            calledAt,
+          },
+          prepared.transfer,
+        );
       } catch (error) {
+        // What was not handed over would keep its memory until the next collection.
         if (!("data" in frame)) frame.close();
         throw error;
       }
-      const result = await this.#channel.call(
-        "locate",
-        {
-          frame,
-          ...(intrinsics ? { intrinsics } : {}),
-          intrinsicsSource,
-          timestampMs: options.timestamp ?? calledAt,
-          include: options.include ?? [],
-          camera: options.camera ?? "",
-          tracking: options.tracking ?? false,
-          calledAt,
-        },
-        prepared.transfer,
-      );
       // A cancelled frame was computed all the same; its answer is withheld, its effect on tracking stays.
       options.signal?.throwIfAborted();
       this.#publish(result);
@@ -166,6 +159,15 @@ export class Relocalizer extends EventTarget {
   async setOptions(options: LiveOptions): Promise<void> {
     this.#check();
     await this.#channel.call("setOptions", liveOptions(options));
+  }
+
+  /**
+   * Takes over the focal length that an earlier session learned of a camera, as a start that frames of this session
+   * correct. What a session has learned stands in results whose `intrinsics.source` is `remembered`: `fx / width`.
+   */
+  async recallCamera(camera: string, focalPerWidth: number): Promise<void> {
+    this.#check();
+    await this.#channel.call("recallCamera", { camera, focalPerWidth });
   }
 
   /** Forgets where the camera was: the next frame is located from nothing. */
@@ -205,6 +207,18 @@ export class Relocalizer extends EventTarget {
       this.dispatchEvent(new CustomEvent(result.state, { detail: result }));
     }
   }
+}
+
+/** Intrinsics for the frame at hand: those passed, else those of its EXIF block, else none. */
+function intrinsicsOf(frame: WireFrame, options: LocateOptions, exif: Intrinsics | undefined): Pick<LocateRequest, "intrinsics" | "intrinsicsSource"> {
+  const given = options.intrinsics ?? exif;
+  if (!given) return { intrinsicsSource: "given" };
+  const { width, height } = sizeOf(frame);
+  const intrinsicsSource = options.intrinsics ? (options.intrinsicsSource ?? "given") : "exif";
+  if (!knownSources.includes(intrinsicsSource)) {
+    throw new LandlineError("bad-input", `intrinsicsSource ${JSON.stringify(intrinsicsSource)} is unknown`, "Use given, track or exif.");
+  }
+  return { intrinsics: intrinsicsForFrame(given, width, height), intrinsicsSource };
 }
 
 /** The live options among others, without those that are not set. */

@@ -40,14 +40,18 @@ export interface Intrinsics {
   height: number;
 }
 
+/** Where intrinsics that somebody states come from. */
+export type KnownIntrinsicsSource =
+  /** The caller knows them. */
+  | "given"
+  /** The camera track's settings. */
+  | "track"
+  /** The picture's EXIF data. */
+  | "exif";
+
 /** How the intrinsics of a result came to be known. */
 export type IntrinsicsSource =
-  /** Passed to `locate`. */
-  | "given"
-  /** From the camera track's settings. */
-  | "track"
-  /** From the picture's EXIF data. */
-  | "exif"
+  | KnownIntrinsicsSource
   /** Learned from earlier frames of the same camera. */
   | "remembered"
   /** Solved from this frame together with the position. */
@@ -182,6 +186,8 @@ export interface LocateResult {
 /** Options of one `locate` call. */
 export interface LocateOptions {
   intrinsics?: Intrinsics;
+  /** Where they come from; `given` by default. Those of EXIF are taken as a few percent off and refined. */
+  intrinsicsSource?: KnownIntrinsicsSource;
   /** Milliseconds; must grow from frame to frame of one camera. */
   timestamp?: number;
   include?: readonly Include[];

@@ -10,6 +10,12 @@ interface Scope {
 }
 const scope = self as unknown as Scope;
 
+// A page's policy in a <meta> element does not reach its workers. This one needs no network: everything was loaded by the
+// page, and pictures are here. So it gives up what could send before the first picture arrives.
+for (const name of ["fetch", "XMLHttpRequest", "WebSocket", "WebSocketStream", "WebTransport", "EventSource", "importScripts", "Worker", "caches"]) {
+  Object.defineProperty(self, name, { value: undefined, writable: false, configurable: false });
+}
+
 let engine: Engine | undefined;
 // Frames are answered in order: the engine's buffers belong to one frame at a time.
 let queue: Promise<void> = Promise.resolve();
@@ -31,6 +37,8 @@ async function answer<N extends CallName>(call: N, request: Calls[N]["request"])
     case "setOptions":
       alive().setOptions(request as Calls["setOptions"]["request"]);
       return null;
+    case "recallCamera":
+      return alive().recallCamera(request as Calls["recallCamera"]["request"]);
     case "reset":
       alive().reset();
       return null;

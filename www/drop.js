@@ -1,6 +1,5 @@
 /** Drag and drop. */
-
-const $ = (id) => document.getElementById(id);
+import { $ } from "./dom.js";
 
 /** Takes files and folders that are dropped anywhere on the page. */
 export function wireDrop(take) {

@@ -1,49 +1,5 @@
-/** Errors against known poses: reading of the files, statistics, the table and its export. */
-
-/** @typedef {{ name: string, cameraFromWorld: Float64Array, focal?: number, intrinsics?: object }} KnownPose */
-
-/** Rotation matrix of a quaternion and a translation as row-major 4x4. */
-export function fromQuaternion(w, x, y, z, tx, ty, tz) {
-  const n = Math.hypot(w, x, y, z);
-  [w, x, y, z] = [w / n, x / n, y / n, z / n];
-  return Float64Array.of(
-    1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y), tx,
-    2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x), ty,
-    2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y), tz,
-    0, 0, 0, 1,
-  );
-}
-
-/** Inverse of a rigid row-major 4x4. */
-export function invert(m) {
-  const inverse = new Float64Array(16);
-  for (let r = 0; r < 3; r++) {
-    for (let c = 0; c < 3; c++) inverse[4 * r + c] = m[4 * c + r];
-    inverse[4 * r + 3] = -(m[r] * m[3] + m[4 + r] * m[7] + m[8 + r] * m[11]);
-  }
-  inverse[15] = 1;
-  return inverse;
-}
-
-/**
- * Lines `name qw qx qy qz tx ty tz [f]`: world to camera, as COLMAP and its relatives write them. Numbers of 16 after
- * the name are a row-major camera-to-world matrix. Lines that are neither are counted.
- */
-export function parsePoses(text) {
-  const poses = [];
-  let skipped = 0;
-  for (const line of text.split(/\r?\n/)) {
-    const parts = line.trim().split(/\s+/);
-    if (parts.length < 2 || parts[0].startsWith("#")) continue;
-    const numbers = parts.slice(1).map(Number);
-    const name = parts[0].split("/").pop();
-    if (!numbers.every(Number.isFinite)) skipped += 1;
-    else if (numbers.length === 16) poses.push({ name, cameraFromWorld: invert(numbers) });
-    else if (numbers.length === 7 || numbers.length === 8) poses.push({ name, cameraFromWorld: fromQuaternion(...numbers.slice(0, 7)), ...(numbers.length === 8 ? { focal: numbers[7] } : {}) });
-    else skipped += 1;
-  }
-  return { poses, skipped };
-}
+/** Errors against known poses: statistics, curves, and the table as text. */
+import { invert } from "./poses.js";
 
 /** Distance of the camera positions and angle between the rotations in degrees. */
 export function poseError(estimated, known) {

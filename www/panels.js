@@ -1,6 +1,6 @@
 /** Words and numbers beside the picture. */
-
-const $ = (id) => document.getElementById(id);
+import { $ } from "./dom.js";
+import { numFocals } from "./focal.js";
 
 const stageNames = [
   ["transfer", "Transfer"],
@@ -223,7 +223,7 @@ export function problem(error) {
   }[error?.code] ?? "Something went wrong";
   $("problem-title").textContent = title;
   $("problem-text").textContent = sentence(error?.message ?? String(error));
-  $("problem-hint").textContent = error?.hint ?? "";
+  $("problem-hint").textContent = error?.hint || "Load the page again; if this repeats, please report how to get here.";
   $("problem-code").textContent = error?.code ?? error?.name ?? "";
   const dialog = $("problem");
   if (!dialog.open) dialog.showModal();
@@ -242,5 +242,6 @@ export function showPrivacy({ bytes: sent, requests, afterReady }) {
     ["Sent", `${sent} bytes`],
     ["Files loaded", `${requests}, all from ${location.host}`],
     ["Since ready", `${afterReady} of them`],
+    ["Kept here", `the files, and the focal lengths of ${numFocals()} cameras`],
   ]);
 }

@@ -1,8 +1,7 @@
 /** The panel with errors against known poses. */
+import { $ } from "./dom.js";
 import { drawPlot, summary } from "./evaluate.js";
 import { facts, length, ms } from "./panels.js";
-
-const $ = (id) => document.getElementById(id);
 
 /** One line of the table. */
 export function addRow(row, metric) {

@@ -1,10 +1,10 @@
-/** Where pictures come from. A playlist is a list of `{ name, blob(), thumb?, truth?, intrinsics? }`. */
-import { parsePoses } from "./evaluate.js";
+/** Where pictures come from. A playlist is a list of `{ name, blob(), thumb?, truth?, focal?, intrinsics? }`. */
+import { readPoses } from "./poses.js";
 
-const isImage = (file) => file.type.startsWith("image/") || /\.(png|jpe?g|webp|avif|bmp)$/i.test(file.name);
+/** Depth images lie beside the pictures in some data sets, and are none. */
+const isImage = (file) => !/\.depth\.\w+$/i.test(file.name) && (file.type.startsWith("image/") || /\.(png|jpe?g|webp|avif|bmp)$/i.test(file.name));
 const isVideo = (file) => file.type.startsWith("video/") || /\.(mp4|webm|mov|mkv|m4v|y4m)$/i.test(file.name);
 const isScene = (file) => /\.(landline|safetensors)$/i.test(file.name);
-const isPoses = (file) => /pose[^/]*\.txt$/i.test(file.name) || /\.poses$/i.test(file.name);
 
 /** The pictures that come with the page, with their true poses. */
 export async function samplePlaylist(base) {
@@ -20,7 +20,7 @@ export async function samplePlaylist(base) {
       truth: Float64Array.from(picture.cam_from_world.flat()),
       blob: async () => {
         const answer = await fetch(url);
-        if (!answer.ok) throw Object.assign(new Error(`${picture.name} could not be loaded (${answer.status})`), { code: "asset-fetch", hint: "Check the connection." });
+        if (!answer.ok) throw Object.assign(new Error(`${picture.name} could not be loaded (${answer.status})`), { code: "asset-fetch", hint: "Check the connection, then choose “Sample room” again." });
         return answer.blob();
       },
     };
@@ -31,25 +31,29 @@ export async function samplePlaylist(base) {
 export async function sortFiles(files) {
   const byName = (a, b) => a.name.localeCompare(b.name, "en", { numeric: true });
   const images = files.filter(isImage).sort(byName);
-  const poseFile = files.filter(isPoses).sort(byName)[0];
-  const known = poseFile ? parsePoses(await poseFile.text()) : { poses: [], skipped: 0 };
-  const truth = new Map(known.poses.map((pose) => [pose.name, pose]));
+  const known = await readPoses(files);
+  const poses = images.map((file) => known.find(file.name));
+  const numTruth = poses.filter(Boolean).length;
+  const notes = [...known.notes];
+  const repeated = images.length - new Set(images.map(({ name }) => name)).size;
+  if (repeated > 0 && numTruth > 0) notes.push(`${repeated} pictures have a name that occurs before: their poses may be mixed up, so take one folder at a time.`);
   // Thumbnails of hundreds of large pictures would take more memory than the engine.
   const withThumbs = images.length <= 60;
   return {
     scene: files.find(isScene),
     video: files.find(isVideo),
-    poseFile: poseFile?.name,
-    skippedLines: known.skipped,
-    numTruth: images.filter((file) => truth.has(file.name)).length,
-    pictures: images.map((file) => {
-      const pose = truth.get(file.name);
+    poseSource: numTruth > 0 ? known.source : "",
+    numTruth,
+    notes,
+    pictures: images.map((file, i) => {
+      const pose = poses[i];
       return {
         name: file.name,
         thumb: withThumbs ? URL.createObjectURL(file) : undefined,
         blob: async () => file,
         ...(pose ? { truth: pose.cameraFromWorld } : {}),
         ...(pose?.focal ? { focal: pose.focal } : {}),
+        ...(pose?.intrinsics ? { intrinsics: pose.intrinsics } : {}),
       };
     }),
   };

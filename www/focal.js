@@ -1,0 +1,55 @@
+/**
+ * Focal lengths of this device's cameras, kept from visit to visit: the engine learns them from located frames, and with
+ * a known one positions are right from the first frame on. They stay on this device and go with “Remove stored files”.
+ */
+const key = "landline-cameras";
+/** Cameras that are kept; phones have a few lenses at a few sizes each. */
+const maxCameras = 24;
+
+function read() {
+  try {
+    return new Map(Object.entries(JSON.parse(localStorage.getItem(key) ?? "{}")));
+  } catch {
+    // No storage for this page, or something else wrote there: begin anew.
+    return new Map();
+  }
+}
+
+/** Tells the engine what an earlier visit learned of this camera. */
+export async function recallFocal(relocalizer, camera) {
+  const focalPerWidth = read().get(camera);
+  if (typeof focalPerWidth !== "number") return;
+  try {
+    await relocalizer.recallCamera(camera, focalPerWidth);
+  } catch {
+    forgetFocals();
+  }
+}
+
+/** Keeps what a result says about its camera, once the engine has learned it. */
+export function keepFocal(result, camera) {
+  const { source, fx, width, relativeSigma } = result.intrinsics;
+  // Without a deviation it is no longer estimated: enough frames agreed on it.
+  if (!result.located || source !== "remembered" || relativeSigma !== undefined) return;
+  const kept = read();
+  const focalPerWidth = Number((fx / width).toPrecision(4));
+  if (Math.abs(kept.get(camera) / focalPerWidth - 1) < 0.005) return;
+  kept.delete(camera);
+  kept.set(camera, focalPerWidth);
+  for (const oldest of [...kept.keys()].slice(0, Math.max(0, kept.size - maxCameras))) kept.delete(oldest);
+  try {
+    localStorage.setItem(key, JSON.stringify(Object.fromEntries(kept)));
+  } catch {
+    // No room or no permission: the next visit learns it again.
+  }
+}
+
+export const numFocals = () => read().size;
+
+export function forgetFocals() {
+  try {
+    localStorage.removeItem(key);
+  } catch {
+    // There is nothing to remove where nothing can be stored.
+  }
+}

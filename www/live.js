@@ -1,0 +1,115 @@
+/** A video file or the camera: always the newest frame. */
+import { camera, follow } from "landline";
+import { $ } from "./dom.js";
+import { keepFocal, recallFocal } from "./focal.js";
+import { frameFailed, showEmpty } from "./loading.js";
+import { problem, sentence, status } from "./panels.js";
+import { intrinsicsFor } from "./playlist.js";
+import { haveEngine, markSource, state, stopSource } from "./session.js";
+import { showFrame } from "./stage.js";
+import { setPlaying } from "./strip.js";
+
+export async function startVideo(file) {
+  if (!haveEngine()) return;
+  await stopSource();
+  markSource("open");
+  const run = state.run;
+  const video = document.createElement("video");
+  video.muted = true;
+  video.playsInline = true;
+  video.loop = true;
+  const url = URL.createObjectURL(file);
+  video.src = url;
+  try {
+    await video.play();
+  } catch (error) {
+    URL.revokeObjectURL(url);
+    showEmpty("The video cannot be played", `${file.name} is in a form that this browser does not know. Use an MP4 (H.264) or WebM video.`);
+    problem({ code: "bad-input", message: `${file.name} cannot be played here`, hint: "Use an MP4 (H.264) or WebM video.", cause: error });
+    return;
+  }
+  if (run !== state.run) return URL.revokeObjectURL(url);
+  begin(video, `file:${file.name}`, { url, name: file.name });
+}
+
+export async function startCamera(deviceId) {
+  if (!haveEngine()) return;
+  await stopSource();
+  markSource("camera");
+  const run = state.run;
+  showEmpty("Asking for the camera", "Answer the browser’s question. Pictures stay on this device.");
+  status("wait", "Asking for the camera", "Answer the browser’s question.");
+  let opened;
+  try {
+    opened = await camera(deviceId ? { deviceId } : {});
+  } catch (error) {
+    if (run !== state.run) return;
+    const words = `${sentence(error.message)} ${error.hint ?? ""}`;
+    status("bad", "No camera", words);
+    showEmpty("No camera", words, { retry: () => startCamera(deviceId) });
+    markSource("");
+    problem(error);
+    return;
+  }
+  // Something else was chosen while the browser asked.
+  if (run !== state.run) return opened.stop();
+  await listCameras(opened);
+  opened.stream.getVideoTracks()[0]?.addEventListener("ended", () => {
+    if (state.live?.camera !== opened) return;
+    void stopSource();
+    status("warn", "The camera was taken away", "Connect it again and choose “Use my camera”.");
+  });
+  await recallFocal(state.relocalizer, opened.key());
+  begin(opened.video, () => opened.key(), { camera: opened, name: "" });
+}
+
+function begin(video, key, live) {
+  showEmpty("Waiting for the first picture", "");
+  status("wait", "Searching", "Looking for the first position.");
+  setPlaying(true);
+  run(video, key, live);
+}
+
+/** Names are known only after permission. */
+async function listCameras(opened) {
+  const devices = (await navigator.mediaDevices.enumerateDevices()).filter(({ kind }) => kind === "videoinput");
+  const current = opened.stream.getVideoTracks()[0]?.getSettings().deviceId;
+  $("camera-select").replaceChildren(...devices.map((device, i) => new Option(device.label || `Camera ${i + 1}`, device.deviceId, false, device.deviceId === current)));
+  $("camera-choice").hidden = devices.length < 2;
+}
+
+function run(video, key, live) {
+  const mine = ++state.run;
+  const following = follow(state.relocalizer, video, {
+    camera: key,
+    include: ["points", "lines", "segments"],
+    maxFps: Number($("max-fps").value),
+    /** Read for each frame: the focal length may be typed at any time. */
+    get intrinsics() {
+      return Number($("focal").value) > 0 && video.videoWidth > 0 ? intrinsicsFor(undefined, video.videoWidth, video.videoHeight) : undefined;
+    },
+    onResult: (result) => {
+      if (mine !== state.run) return;
+      showFrame(result, video, live.name, undefined, true);
+      if (live.camera) keepFocal(result, key());
+    },
+    onError: (error) => {
+      if (mine === state.run) frameFailed(error, live.name);
+    },
+  });
+  state.live = { ...live, video, following, key };
+}
+
+/** Follows the same video or camera with changed settings. */
+export function followAgain() {
+  const { live } = state;
+  if (!live) return;
+  live.following.stop();
+  run(live.video, live.key, live);
+}
+
+/** Lets the video go on, or holds it. */
+export function holdVideo(playing) {
+  const { live } = state;
+  if (live) void (playing ? live.video.play() : live.video.pause());
+}

@@ -1,0 +1,94 @@
+/** Scenes: loading one, and what happens when that or a frame fails. */
+import { Relocalizer } from "landline";
+import { $ } from "./dom.js";
+import { LoadBars, problem, sentence, showScene, status } from "./panels.js";
+import { markReady } from "./privacy.js";
+import { state, stopSource } from "./session.js";
+import { forgetPlace, showBackend } from "./stage.js";
+import { setPlaying } from "./strip.js";
+
+const bars = new LoadBars();
+let again;
+
+/** Words in the middle of the stage. `retry` is what the button “Try again” does. */
+export function showEmpty(title, note, { retry, cancel = false } = {}) {
+  $("empty").hidden = false;
+  $("empty-title").textContent = title;
+  $("empty-note").textContent = note;
+  $("retry-load").hidden = !retry;
+  $("cancel-load").hidden = !cancel;
+  again = retry;
+}
+
+export const cancelLoading = () => state.loading?.abort();
+export const retryLoading = () => void again?.();
+
+/** Loads a scene in place of the present one, which stays when that fails. True when it is there. */
+export async function loadScene(scene, name, isSample, retry = () => loadScene(scene, name, isSample)) {
+  state.loading?.abort();
+  const loading = new AbortController();
+  state.loading = loading;
+  await stopSource();
+  const before = state.relocalizer;
+  bars.reset();
+  showEmpty(`Loading ${name}`, "Everything is loaded once and kept on this device.", { cancel: true });
+  status("wait", "Loading", name);
+  try {
+    const relocalizer = await Relocalizer.create({
+      scene,
+      device: state.device,
+      smoothing: $("smoothing").value,
+      signal: loading.signal,
+      onProgress: (event) => {
+        bars.update(event);
+        if (event.status === "prepare") $("empty-note").textContent = "Preparing the networks…";
+      },
+    });
+    if (loading.signal.aborted) {
+      await relocalizer.dispose();
+      return false;
+    }
+    state.relocalizer = relocalizer;
+    state.scene = { source: scene, name, isSample };
+    state.metric = relocalizer.scene.units === "metres";
+    await before?.dispose();
+    forgetPlace();
+    showScene(relocalizer.scene, name);
+    showBackend(relocalizer);
+    bars.reset();
+    if (isSample) showEmpty("Waiting for the first picture", "");
+    else showEmpty("The scene is loaded", "Now choose a picture or a video of this place, or use the camera in it.");
+    status("wait", "Ready", "Choose a picture, a video or the camera.");
+    markReady();
+    return true;
+  } catch (error) {
+    bars.reset();
+    if (loading.signal.aborted) {
+      if (state.loading !== loading) return false;
+      showEmpty("Cancelled", "Nothing was loaded.", { retry });
+      status("warn", "Cancelled", "Try again, or drop a scene file.");
+      return false;
+    }
+    const keeps = before !== undefined && state.relocalizer === before;
+    const still = keeps && state.scene ? ` The scene from before (${state.scene.name}) is still in use: choose a picture, a video or the camera.` : "";
+    showEmpty(keeps ? "The scene was not loaded" : "Not loaded", `${sentence(error.message)} ${error.hint ?? ""}${still}`, { retry });
+    status("bad", "Not loaded", sentence(error.message));
+    problem(error);
+    return false;
+  } finally {
+    if (state.loading === loading) state.loading = undefined;
+  }
+}
+
+/** A frame that could not be processed: says why, and replaces an engine that is broken. */
+export function frameFailed(error, name) {
+  status("bad", "Cannot use this", `${sentence(error.message)} ${error.hint ?? ""}`.trim());
+  if (!state.result) showEmpty("Cannot use this", `${sentence(error.message)} ${error.hint ?? ""}`);
+  $("stage-tag").hidden = !name;
+  $("stage-tag").textContent = name;
+  if (error.code !== "panicked" && error.code !== "disposed") return;
+  problem(error);
+  setPlaying(false);
+  // The instance is lost, the page is not: load the same scene again.
+  if (error.code === "panicked" && state.scene) void loadScene(state.scene.source, state.scene.name, state.scene.isSample);
+}

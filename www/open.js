@@ -1,0 +1,57 @@
+/** The ways in: the sample, chosen or dropped files, an address. */
+import { query } from "./dom.js";
+import { evaluateFolder } from "./evaluation.js";
+import { startVideo } from "./live.js";
+import { loadScene } from "./loading.js";
+import { problem, sentence, status } from "./panels.js";
+import { startPlaylist } from "./playlist.js";
+import { haveEngine, markSource, state, stopSource } from "./session.js";
+import { samplePlaylist, sortFiles } from "./sources.js";
+
+const sampleBase = new URL("./scenes/sample/", document.baseURI);
+
+/** What the page opens with: the sample, or the scene that its address names. */
+export async function startFirst() {
+  const scene = query.get("scene");
+  if (scene === null) return startSample();
+  const url = new URL(scene, document.baseURI);
+  if (await loadScene(url.href, url.pathname.split("/").pop() || url.href, false)) markSource("scene");
+}
+
+/** Loads the sample room if another scene is in use, and shows its pictures. */
+export async function startSample({ reload = false } = {}) {
+  if (!state.scene?.isSample || !state.relocalizer || reload) {
+    const url = new URL("sample.landline", sampleBase);
+    if (!(await loadScene(url.href, "the sample room", true, startSample))) return;
+  } else {
+    await stopSource();
+  }
+  markSource("sample");
+  const { run } = state;
+  try {
+    const playlist = await samplePlaylist(sampleBase);
+    if (run === state.run) await startPlaylist(playlist, true);
+  } catch (error) {
+    status("bad", "No sample pictures", `${sentence(error.message)} ${error.hint ?? ""}`.trim());
+    problem(error);
+  }
+}
+
+/** Takes files of any kind; `wantFolder` asks for an evaluation even without poses. */
+export async function startFiles(files, wantFolder) {
+  if (files.length === 0) return;
+  const sorted = await sortFiles(files);
+  if (sorted.scene && !(await loadScene(sorted.scene, sorted.scene.name, false))) return;
+  if (sorted.pictures.length === 0 && !sorted.video) {
+    if (sorted.scene) markSource("scene");
+    else problem({ code: "bad-input", message: "there is no picture, video or scene file among these", hint: "Pictures: JPEG, PNG, WebP. Videos: MP4, WebM. Scenes: .landline." });
+    return;
+  }
+  if (!haveEngine()) return;
+  if (sorted.pictures.length === 0) return startVideo(sorted.video);
+  await stopSource();
+  const evaluates = sorted.numTruth > 0 || wantFolder;
+  markSource(evaluates ? "folder" : "open");
+  if (evaluates) await evaluateFolder(sorted);
+  else await startPlaylist(sorted.pictures, false);
+}

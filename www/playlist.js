@@ -1,0 +1,95 @@
+/** Pictures that are located one after another. */
+import { $, query, until } from "./dom.js";
+import { poseError } from "./evaluate.js";
+import { frameFailed } from "./loading.js";
+import { state } from "./session.js";
+import { showFrame, showTruth } from "./stage.js";
+import { markResult, markThumb, setPlaying, showStrip } from "./strip.js";
+
+/** Time that a picture stays, so that an eye can follow. */
+const dwellMs = Number(query.get("dwell") ?? 1400);
+/** Who asked for less motion gets the next picture on demand only. */
+const calm = matchMedia("(prefers-reduced-motion: reduce)");
+
+/** Shows a list; with `loop` it begins again at its end. */
+export async function startPlaylist(playlist, loop) {
+  state.playlist = playlist;
+  state.index = 0;
+  setPlaying(playlist.length > 1 && !calm.matches);
+  showStrip(go);
+  showTruth(playlist);
+  await play(loop);
+}
+
+/** Locates one picture after another. */
+async function play(loop) {
+  const run = ++state.run;
+  for (;;) {
+    if (run !== state.run || state.playlist.length === 0) return;
+    const started = performance.now();
+    await showPicture(state.index, run);
+    if (run !== state.run) return;
+    await until(() => run !== state.run || (state.playing && !document.hidden && performance.now() - started >= dwellMs));
+    if (run !== state.run) return;
+    if (state.index + 1 >= state.playlist.length && !loop) return setPlaying(false);
+    state.index = (state.index + 1) % state.playlist.length;
+  }
+}
+
+async function showPicture(index, run) {
+  const item = state.playlist[index];
+  markThumb(index);
+  try {
+    const { result, bitmap } = await locatePicture(item);
+    if (run === state.run) {
+      showFrame(result, bitmap, item.name, errorOf(result, item), false);
+      markResult(index, result.located);
+    }
+    bitmap.close();
+  } catch (error) {
+    if (run === state.run) frameFailed(error, item.name);
+  }
+}
+
+/** Decodes and locates one picture of a list; the bitmap is the caller's to close. */
+export async function locatePicture(item) {
+  const blob = await item.blob();
+  let bitmap;
+  try {
+    bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+  } catch (error) {
+    throw Object.assign(new Error(`${item.name} cannot be decoded`), { code: "bad-input", hint: "Use a JPEG, PNG or WebP picture.", cause: error });
+  }
+  const intrinsics = intrinsicsFor(item, bitmap.width, bitmap.height);
+  const include = ["points", "lines", "segments"];
+  // Without intrinsics the engine gets the file itself, for its EXIF block.
+  const result = await state.relocalizer.locate(intrinsics ? bitmap : blob, { include, ...(intrinsics ? { intrinsics } : {}) });
+  return { result, bitmap };
+}
+
+/** Error of a result against the item's known pose, where both are there. */
+export function errorOf(result, item) {
+  return result.placement && item.truth ? poseError(result.placement.cameraFromWorld, item.truth) : undefined;
+}
+
+/** What the page knows about the focal length; otherwise the engine finds it. */
+export function intrinsicsFor(item, width, height) {
+  const typed = Number($("focal").value);
+  const f = typed > 0 ? typed : item?.focal;
+  if (f) return { fx: f, fy: f, cx: width / 2, cy: height / 2, width, height };
+  return item?.intrinsics;
+}
+
+/** Goes to a picture of the list and stays there. */
+export function go(index) {
+  const count = state.playlist.length;
+  if (count === 0) return;
+  state.index = (index + count) % count;
+  setPlaying(false);
+  void play(true);
+}
+
+/** Locates the present picture again, for changed settings. */
+export function showAgain() {
+  if (!state.live && state.playlist.length > 0) void play(true);
+}

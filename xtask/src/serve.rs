@@ -51,39 +51,74 @@ struct Site {
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
-    let dir = args.dir.clone().unwrap_or_else(web::site_folder);
-    if !dir.is_dir() {
-        bail!(
-            "{} is not there: run `cargo xtask web` first",
-            dir.display()
-        );
-    }
-    let mut headers =
-        String::from("Cache-Control: no-cache\r\nX-Content-Type-Options: nosniff\r\n");
-    if args.strict {
-        headers.push_str(&policy(&dir)?);
-        headers.push_str("Referrer-Policy: no-referrer\r\nPermissions-Policy: camera=(self)\r\n");
-    }
-    if args.isolated {
-        headers.push_str("Cross-Origin-Opener-Policy: same-origin\r\nCross-Origin-Embedder-Policy: require-corp\r\n");
-    }
-    let base = format!("/{}/", args.base.trim_matches('/')).replace("//", "/");
-    let listener = listen(args.port)?;
-    let address = listener.local_addr()?;
-    println!(
-        "serving {} at http://localhost:{}{base} (Ctrl+C stops)",
-        dir.display(),
-        address.port()
-    );
-    let site = Arc::new(Site { dir, base, headers });
-    for stream in listener.incoming().flatten() {
-        let site = Arc::clone(&site);
-        std::thread::spawn(move || {
-            // A browser that went away is no news.
-            drop(serve(&site, &stream));
-        });
-    }
+    Server::bind(args)?.run();
     Ok(())
+}
+
+/// A server that has its port and waits for its first visitor.
+#[derive(Debug)]
+pub(crate) struct Server {
+    listener: TcpListener,
+    site: Arc<Site>,
+    /// Where the page is.
+    pub(crate) url: String,
+}
+
+impl Server {
+    /// Takes a port.
+    ///
+    /// # Errors
+    ///
+    /// When there is nothing to serve or no port.
+    pub(crate) fn bind(args: &Args) -> Result<Self> {
+        let dir = args.dir.clone().unwrap_or_else(web::site_folder);
+        if !dir.is_dir() {
+            bail!(
+                "{} is not there: run `cargo xtask web` first",
+                dir.display()
+            );
+        }
+        let mut headers =
+            String::from("Cache-Control: no-cache\r\nX-Content-Type-Options: nosniff\r\n");
+        if args.strict {
+            headers.push_str(&policy(&dir)?);
+            headers
+                .push_str("Referrer-Policy: no-referrer\r\nPermissions-Policy: camera=(self)\r\n");
+        }
+        if args.isolated {
+            headers.push_str("Cross-Origin-Opener-Policy: same-origin\r\nCross-Origin-Embedder-Policy: require-corp\r\n");
+        }
+        let base = format!("/{}/", args.base.trim_matches('/')).replace("//", "/");
+        let listener = listen(args.port)?;
+        let url = format!("http://localhost:{}{base}", listener.local_addr()?.port());
+        let site = Arc::new(Site { dir, base, headers });
+        Ok(Self {
+            listener,
+            site,
+            url,
+        })
+    }
+
+    /// Serves until the process ends.
+    pub(crate) fn run(&self) {
+        println!(
+            "serving {} at {} (Ctrl+C stops)",
+            self.site.dir.display(),
+            self.url
+        );
+        self.answer_all();
+    }
+
+    /// Serves and says nothing.
+    pub(crate) fn answer_all(&self) {
+        for stream in self.listener.incoming().flatten() {
+            let site = Arc::clone(&self.site);
+            std::thread::spawn(move || {
+                // A browser that went away is no news.
+                drop(serve(&site, &stream));
+            });
+        }
+    }
 }
 
 /// Only this machine's loopback: the page may hold a private scene.

@@ -31,9 +31,10 @@ pub struct Args {
     extractor: PathBuf,
     #[command(flatten)]
     kernels: KernelArgs,
-    /// Print JSON instead of a table.
+    /// Also writes the results as `poses.json` into this folder, and each picture's pixels beside it as `NAME.rgb` (rows
+    /// of 8-bit RGB), so that other programs can be held against the same input.
     #[arg(long)]
-    json: bool,
+    save: Option<PathBuf>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -106,13 +107,16 @@ pub fn run(args: Args) -> Result<()> {
     })?;
     let mut rows = Vec::with_capacity(list.pictures.len());
     for picture in &list.pictures {
-        rows.push(locate(&mut relocalizer, &list.camera, picture, &args.dir)?);
+        let image = picture::read(&args.dir.join(&picture.name))?.into_rgb8();
+        if let Some(folder) = &args.save {
+            write(folder, &format!("{}.rgb", picture.name), image.as_raw())?;
+        }
+        rows.push(locate(&mut relocalizer, &list.camera, picture, &image)?);
     }
-    if args.json {
-        println!("{}", serde_json::to_string_pretty(&rows)?);
-    } else {
-        print_table(&rows);
+    if let Some(folder) = &args.save {
+        write(folder, "poses.json", &serde_json::to_vec_pretty(&rows)?)?;
     }
+    print_table(&rows);
     if !rows.iter().any(|row| row.located) {
         bail!(
             "none of {} pictures was located: the scene is not of this place",
@@ -126,13 +130,19 @@ fn read(path: &Path) -> Result<Vec<u8>> {
     std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))
 }
 
+fn write(folder: &Path, name: &str, bytes: &[u8]) -> Result<()> {
+    let path = folder.join(name);
+    std::fs::create_dir_all(folder)
+        .and_then(|()| std::fs::write(&path, bytes))
+        .with_context(|| format!("cannot write {}", path.display()))
+}
+
 fn locate(
     relocalizer: &mut Relocalizer,
     intrinsics: &Intrinsics,
     picture: &Picture,
-    dir: &Path,
+    image: &image::RgbImage,
 ) -> Result<Row> {
-    let image = picture::read(&dir.join(&picture.name))?.into_rgb8();
     let (width, height) = image.dimensions();
     let camera = Camera {
         width: intrinsics.width,

@@ -27,6 +27,11 @@ fn look() -> (Option<PathBuf>, Option<PathBuf>) {
     )
 }
 
+/// Chromium, if it is on this machine.
+pub(crate) fn installed_chromium() -> Option<PathBuf> {
+    look().0
+}
+
 /// Finds Chromium and its driver, or has apt install them.
 pub(super) fn install() -> Result<Browser> {
     let name = "Chromium";

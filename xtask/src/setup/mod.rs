@@ -13,7 +13,7 @@ mod weights;
 use anyhow::Result;
 use std::time::Instant;
 
-pub(crate) use browser::Browser;
+pub(crate) use browser::{Browser, installed_chromium};
 pub(crate) use node::{Node, tool as node_tool};
 pub(crate) use wasm_bindgen::WasmBindgen;
 pub(crate) use weights::Weights;

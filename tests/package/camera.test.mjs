@@ -1,26 +1,17 @@
 // The live camera, played from a file of sample pictures.
 import assert from "node:assert/strict";
-import { mkdtemp, readFile, rm, writeFile } from "node:fs/promises";
-import { tmpdir } from "node:os";
-import { join } from "node:path";
 import { test } from "node:test";
-import { artefact, browser, haveSample, open, serve } from "./page.mjs";
-import { site } from "./support.mjs";
+import { artefact, browser, fakeCamera, haveSample, located, open, sampleFiles, serve } from "./page.mjs";
 
 const skip = haveSample() ? false : "the sample scene is not there: run `cargo xtask sample`";
 
 test("locates the camera's frames and tracks", { skip }, async (t) => {
-  const sample = join(site(), "scenes/sample");
-  const { pictures, camera } = JSON.parse(await readFile(join(sample, "sample.json"), "utf8"));
-  const folder = await mkdtemp(join(tmpdir(), "landline-camera-"));
-  t.after(() => rm(folder, { recursive: true, force: true }));
-  // Motion JPEG is JPEG files one after another; each stays for a second so that slow machines see it too.
-  const frames = await Promise.all(pictures.slice(0, 5).map(({ name }) => readFile(join(sample, name))));
-  await writeFile(join(folder, "walk.mjpeg"), Buffer.concat(frames.flatMap((frame) => Array(30).fill(frame))));
+  const { pictures, camera } = await sampleFiles();
+  // Each picture stays for a second so that slow machines see it too.
+  const flags = await fakeCamera(t, pictures.slice(0, 5).map(({ path }) => path), 30);
   const server = await serve(t);
-  const launched = await browser(t, ["--use-fake-device-for-media-stream", "--use-fake-ui-for-media-stream", `--use-file-for-fake-video-capture=${join(folder, "walk.mjpeg")}`]);
-  const { page, said } = await open(launched, server.url, { permissions: ["camera"] });
-  await page.waitForSelector(".thumb[data-result=located]");
+  const { page, said } = await open(await browser(t, flags), server.url, { permissions: ["camera"] });
+  await located(page);
   await page.fill("#focal", String(camera.fx));
   await page.click("[data-source=camera]");
   const seen = await page.evaluate(async () => {
@@ -41,4 +32,64 @@ test("locates the camera's frames and tracks", { skip }, async (t) => {
   assert.ok(seen.some(({ state }) => state === "tracking"), "and tracked");
   await page.screenshot({ path: artefact("camera.png") });
   assert.deepEqual(said, []);
+});
+
+test("learns the camera's focal length and knows it at the next visit", { skip }, async (t) => {
+  const { pictures, camera } = await sampleFiles();
+  const flags = await fakeCamera(t, pictures.slice(0, 8).map(({ path }) => path), 20);
+  const server = await serve(t);
+  const { page } = await open(await browser(t, flags), server.url, { permissions: ["camera"] });
+  await located(page);
+  await page.click("[data-source=camera]");
+  await page.waitForFunction(() => Object.keys(JSON.parse(localStorage.getItem("landline-cameras") ?? "{}")).length === 1);
+  await page.reload();
+  await located(page);
+  await page.click("[data-source=camera]");
+  await page.waitForFunction(() => globalThis.landlinePage.state.live && globalThis.landlinePage.state.result);
+  const { intrinsics } = await page.evaluate(() => globalThis.landlinePage.state.result);
+  t.diagnostic(`${intrinsics.source}: ${intrinsics.fx.toFixed(1)} of ${camera.fx}`);
+  assert.equal(intrinsics.source, "remembered");
+  assert.ok(Math.abs(intrinsics.fx / camera.fx - 1) < 0.03);
+  // And forgets it when asked to.
+  await page.click("#privacy");
+  await page.click("#forget");
+  await page.waitForFunction(() => document.querySelector("#forget").textContent === "Removed");
+  assert.equal(await page.evaluate(() => localStorage.getItem("landline-cameras")), null);
+});
+
+test("offers the other cameras by name, and goes back to the sample", { skip }, async (t) => {
+  const server = await serve(t);
+  const flags = ["--use-fake-device-for-media-stream=device-count=2", "--use-fake-ui-for-media-stream"];
+  const { page } = await open(await browser(t, flags), server.url, { permissions: ["camera"] });
+  await located(page);
+  await page.click("[data-source=camera]");
+  await page.waitForSelector("#camera-choice:not([hidden])");
+  const names = await page.$$eval("#camera-select option", (all) => all.map((option) => option.textContent));
+  assert.equal(names.length, 2);
+  assert.notEqual(names[0], names[1]);
+  const used = () => page.evaluate(() => globalThis.landlinePage.state.live?.camera.stream.getVideoTracks()[0].label);
+  const before = await used();
+  await page.selectOption("#camera-select", { label: names.find((name) => name !== before) });
+  await page.waitForFunction((was) => {
+    const label = globalThis.landlinePage.state.live?.camera.stream.getVideoTracks()[0].label;
+    return label !== undefined && label !== was;
+  }, before);
+  await page.click("[data-source=sample]");
+  await located(page);
+  assert.equal(await used(), undefined, "the camera is off");
+});
+
+test("a camera that is refused", { skip }, async (t) => {
+  // A camera is there, and the browser has no permission to give it: headless Chromium refuses by itself.
+  const server = await serve(t);
+  const { page } = await open(await browser(t, ["--use-fake-device-for-media-stream"]), server.url);
+  await located(page);
+  await page.click("[data-source=camera]");
+  await page.waitForSelector("#problem[open]");
+  assert.equal(await page.textContent("#problem-code"), "camera-denied");
+  assert.match(await page.textContent("#problem-hint"), /Allow it/);
+  await page.keyboard.press("Escape");
+  assert.equal(await page.isVisible("#retry-load"), true, "it can be tried again");
+  await page.click("[data-source=sample]");
+  await located(page);
 });

@@ -1,30 +1,9 @@
 // The package's interface in a browser: odd input, several instances, the cache, and many frames.
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { browser, haveSample, open, serve } from "./page.mjs";
+import { blank, haveSample } from "./page.mjs";
 
 const skip = haveSample() ? false : "the sample scene is not there: run `cargo xtask sample`";
-
-/** An empty page of the site that imports the package by path. */
-async function blank(t, faults) {
-  const server = await serve(t, { faults: { "blank.html": { body: "<!doctype html><meta charset=utf-8>", type: "text/html" }, ...faults } });
-  const opened = await open(await browser(t));
-  await opened.page.route("**/blank.html", (route) => route.fulfill({ contentType: "text/html", body: "<!doctype html><meta charset=utf-8>" }));
-  await opened.page.goto(`${server.url}blank.html`);
-  await opened.page.evaluate(async () => {
-    globalThis.landline = await import("./vendor/landline/index.js");
-    globalThis.make = (options = {}) => globalThis.landline.Relocalizer.create({ scene: "./scenes/sample/sample.landline", device: "cpu", ...options });
-    globalThis.failure = async (promise) => {
-      try {
-        await promise;
-        return "no error";
-      } catch (error) {
-        return typeof error.code === "string" ? error.code : error.name;
-      }
-    };
-  });
-  return { server, ...opened };
-}
 
 test("odd frames get a typed error or a clear result, and the next frame works", { skip }, async (t) => {
   const { page } = await blank(t);
@@ -41,6 +20,8 @@ test("odd frames get a typed error or a clear result, and the next frame works",
     seen.focal = await failure(relocalizer.locate(gray(64, 64), { intrinsics: { fx: -1, fy: 1, cx: 0, cy: 0, width: 64, height: 64 } }));
     seen.shape = await failure(relocalizer.locate(gray(64, 64), { intrinsics: { fx: 50, fy: 50, cx: 0, cy: 0, width: 64, height: 32 } }));
     seen.time = await failure(relocalizer.locate(gray(64, 64), { timestamp: NaN }));
+    seen.include = await failure(relocalizer.locate(gray(64, 64), { include: ["faces"] }));
+    seen.source = await failure(relocalizer.locate(gray(64, 64), { intrinsics: { fx: 60, fy: 60, cx: 32, cy: 32 }, intrinsicsSource: "rumour" }));
     for (const [w, h] of [[1, 1], [31, 200], [640, 480], [33, 4000], [1921, 1081]]) {
       seen[`${w}x${h}`] = await relocalizer.locate(gray(w, h)).then((r) => r.reason, (e) => e.code);
     }
@@ -69,6 +50,8 @@ test("odd frames get a typed error or a clear result, and the next frame works",
     focal: "bad-input",
     shape: "bad-input",
     time: "bad-input",
+    include: "bad-input",
+    source: "bad-input",
     "1x1": "bad-input",
     "31x200": "bad-input",
     "640x480": "few-features",
@@ -97,14 +80,17 @@ test("two instances, disposal during frames, cancelling", { skip }, async (t) =>
     await a.dispose();
     const ended = [await failure(late), await failure(also), await failure(a.locate(frame))];
     const alive = (await b.locate(frame)).quality.keypoints;
+    const own = b.locate(frame);
+    const queued = b.locate(frame);
+    await b.dispose();
+    const onThisThread = [await failure(own), await failure(queued), await failure(b.setOptions({ seed: 1 }))];
     const stop = new AbortController();
     const cancelled = failure(make({ signal: stop.signal, cache: "none" }));
     stop.abort();
     const already = await failure(make({ signal: AbortSignal.abort() }));
-    await b.dispose();
-    return { same: first.quality.keypoints === second.quality.keypoints, ended, alive: alive > 0, cancelled: await cancelled, already };
+    return { onThisThread, same: first.quality.keypoints === second.quality.keypoints, ended, alive: alive > 0, cancelled: await cancelled, already };
   });
-  assert.deepEqual(outcome, { same: true, ended: ["disposed", "disposed", "disposed"], alive: true, cancelled: "AbortError", already: "AbortError" });
+  assert.deepEqual(outcome, { onThisThread: ["disposed", "disposed", "disposed"], same: true, ended: ["disposed", "disposed", "disposed"], alive: true, cancelled: "AbortError", already: "AbortError" });
 });
 
 test("a scene of another extractor, a later version, a damaged one", { skip }, async (t) => {

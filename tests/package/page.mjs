@@ -1,6 +1,8 @@
 // A browser, and a static server that can behave as badly as real ones do.
 import { createReadStream, existsSync, mkdirSync, readFileSync, statSync } from "node:fs";
+import { mkdtemp, readFile, rm, writeFile } from "node:fs/promises";
 import { createServer } from "node:http";
+import { tmpdir } from "node:os";
 import { extname, join, normalize } from "node:path";
 import { chrome, root, site, tools } from "./support.mjs";
 
@@ -78,6 +80,49 @@ export async function open(launched, address, options = {}) {
   if (init) await page.addInitScript(init);
   if (address) await page.goto(address);
   return { page, said, context: made };
+}
+
+/** An empty page of the site with the package as `landline`, `make(options)` and `failure(promise)` at hand. */
+export async function blank(test) {
+  const server = await serve(test);
+  const opened = await open(await browser(test));
+  await opened.page.route("**/blank.html", (route) => route.fulfill({ contentType: "text/html", body: "<!doctype html><meta charset=utf-8>" }));
+  await opened.page.goto(`${server.url}blank.html`);
+  await opened.page.evaluate(async () => {
+    globalThis.landline = await import("./vendor/landline/index.js");
+    globalThis.make = (options = {}) => globalThis.landline.Relocalizer.create({ scene: "./scenes/sample/sample.landline", device: "cpu", ...options });
+    globalThis.sample = await (await fetch("./scenes/sample/sample.json")).json();
+    globalThis.picture = async (i) => (await fetch(`./scenes/sample/${globalThis.sample.pictures[i].name}`)).blob();
+    globalThis.failure = async (promise) => {
+      try {
+        await promise;
+        return "no error";
+      } catch (error) {
+        return typeof error.code === "string" ? error.code : error.name;
+      }
+    };
+  });
+  return { server, ...opened };
+}
+
+/**
+ * A camera that shows JPEG files one after another, each for so many frames: flags for the browser. Motion JPEG is
+ * nothing but such files in a row.
+ */
+export async function fakeCamera(test, jpegs, framesEach) {
+  const folder = await mkdtemp(join(tmpdir(), "landline-camera-"));
+  test.after(() => rm(folder, { recursive: true, force: true }));
+  const file = join(folder, "walk.mjpeg");
+  const pictures = await Promise.all(jpegs.map((path) => readFile(path)));
+  await writeFile(file, Buffer.concat(pictures.flatMap((picture) => Array(framesEach).fill(picture))));
+  return ["--use-fake-device-for-media-stream", "--use-fake-ui-for-media-stream", `--use-file-for-fake-video-capture=${file}`];
+}
+
+/** Paths and camera of the sample pictures. */
+export async function sampleFiles() {
+  const folder = join(site(), "scenes/sample");
+  const { pictures, camera } = JSON.parse(await readFile(join(folder, "sample.json"), "utf8"));
+  return { folder, camera, pictures: pictures.map(({ name, ...rest }) => ({ ...rest, name, path: join(folder, name) })) };
 }
 
 /** Waits until the page shows a result for the n-th time or more. */

@@ -25,19 +25,6 @@ test("no camera", { skip }, async (t) => {
   await located(page);
 });
 
-test("camera refused", { skip }, async (t) => {
-  const server = await serve(t);
-  const init = () => {
-    navigator.mediaDevices.getUserMedia = () => Promise.reject(new DOMException("Permission denied", "NotAllowedError"));
-  };
-  const { page } = await open(await browser(t), server.url, { init });
-  await located(page);
-  await page.click("[data-source=camera]");
-  const shown = await problem(page);
-  assert.equal(shown.code, "camera-denied");
-  assert.match(shown.hint, /Allow it/);
-});
-
 test("a scene file that is none", { skip }, async (t) => {
   const server = await serve(t);
   const { page } = await open(await browser(t), server.url);

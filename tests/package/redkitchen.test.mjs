@@ -9,7 +9,7 @@ import { mkdtemp, readFile, rm, writeFile } from "node:fs/promises";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { test } from "node:test";
-import { artefact, browser, open, serve } from "./page.mjs";
+import { artefact, browser, fakeCamera, open, serve } from "./page.mjs";
 import { root } from "./support.mjs";
 
 const data = join(root, "../shared/data/redkitchen");
@@ -32,7 +32,7 @@ test("recall of a dropped folder with ground truth", { skip, timeout: 900_000 },
   t.after(() => rm(folder, { recursive: true, force: true }));
   await writeFile(join(folder, "poses_sfm.txt"), poses.join("\n"));
   await page.setInputFiles("#open-scene", scene);
-  await page.waitForFunction(() => globalThis.landlinePage.state.isSample === false && !globalThis.landlinePage.state.loading && globalThis.landlinePage.state.relocalizer);
+  await page.waitForFunction(() => globalThis.landlinePage.state.scene?.isSample === false && !globalThis.landlinePage.state.loading && globalThis.landlinePage.state.relocalizer);
   // A folder input takes folders only; pictures and the list of poses also go the other way in.
   await page.setInputFiles("#open-media", [...pictures(), join(folder, "poses_sfm.txt")]);
   await page.waitForFunction(() => document.querySelector("#evaluation").dataset.done === "true");
@@ -50,16 +50,12 @@ test("recall of a dropped folder with ground truth", { skip, timeout: 900_000 },
 });
 
 test("a camera that shows RedKitchen, its focal length unknown", { skip, timeout: 400_000 }, async (t) => {
-  const folder = await mkdtemp(join(tmpdir(), "landline-redkitchen-"));
-  t.after(() => rm(folder, { recursive: true, force: true }));
-  const frames = await Promise.all(pictures().filter((_, i) => i % 5 === 0).map((path) => readFile(path)));
-  await writeFile(join(folder, "walk.mjpeg"), Buffer.concat(frames.flatMap((frame) => Array(15).fill(frame))));
+  const flags = await fakeCamera(t, pictures().filter((_, i) => i % 5 === 0), 15);
   const server = await serve(t);
-  const launched = await browser(t, ["--use-fake-device-for-media-stream", "--use-fake-ui-for-media-stream", `--use-file-for-fake-video-capture=${join(folder, "walk.mjpeg")}`]);
-  const { page } = await open(launched, server.url, { permissions: ["camera"] });
+  const { page } = await open(await browser(t, flags), server.url, { permissions: ["camera"] });
   await page.waitForFunction(() => globalThis.landlinePage?.state.relocalizer);
   await page.setInputFiles("#open-scene", scene);
-  await page.waitForFunction(() => globalThis.landlinePage.state.isSample === false && !globalThis.landlinePage.state.loading);
+  await page.waitForFunction(() => globalThis.landlinePage.state.scene?.isSample === false && !globalThis.landlinePage.state.loading);
   await page.click("[data-source=camera]");
   const seen = await page.evaluate(async () => {
     const results = [];

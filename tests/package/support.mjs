@@ -22,6 +22,8 @@ export const tarball = () => given("LANDLINE_TARBALL");
 export const chrome = () => given("CHROME");
 export const site = () => given("LANDLINE_SITE");
 
+export const npm = process.platform === "win32" ? "npm.cmd" : "npm";
+
 const execute = promisify(execFile);
 
 /** Runs a program; resolves to its output and exit status, whatever that is. */
@@ -40,7 +42,6 @@ export async function installed(test) {
   const folder = await mkdtemp(join(tmpdir(), "landline-package-"));
   test.after(() => rm(folder, { recursive: true, force: true }));
   await writeFile(join(folder, "package.json"), JSON.stringify({ private: true, type: "module" }));
-  const npm = process.platform === "win32" ? "npm.cmd" : "npm";
   // Offline: the package depends on nothing, and must keep to that.
   const result = await run(npm, ["install", "--offline", "--no-audit", "--no-fund", tarball()], folder);
   if (result.status !== 0) throw new Error(`npm install failed:\n${result.stderr}`);

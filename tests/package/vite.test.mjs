@@ -4,13 +4,12 @@ import { cp, mkdir, readFile, writeFile } from "node:fs/promises";
 import { join } from "node:path";
 import { test } from "node:test";
 import { browser, haveSample, open, serve } from "./page.mjs";
-import { installed, run, site } from "./support.mjs";
+import { installed, npm, run, site } from "./support.mjs";
 
 const skip = haveSample() ? false : "the sample scene is not there: run `cargo xtask sample`";
 
 test("a Vite project locates a picture", { skip, timeout: 600_000 }, async (t) => {
   const folder = await installed(t);
-  const npm = process.platform === "win32" ? "npm.cmd" : "npm";
   const added = await run(npm, ["install", "--no-audit", "--no-fund", "--save-dev", "vite@8.3.8"], folder);
   assert.equal(added.status, 0, added.stderr);
   const sample = join(site(), "scenes/sample");

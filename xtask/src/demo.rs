@@ -35,7 +35,12 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let saved = paths::target().join("demo");
     println!("\ndemo    the sample pictures, natively:");
     let mut locate = shell::command(native_tool()?);
-    shell::run(locate.arg("demo").arg("--save").arg(&saved))?;
+    // The kernels with the bits of wasm, so that the three may be compared to the last digits; the machine's best are
+    // faster and differ from them by rounding.
+    locate
+        .args(["demo", "--kernels", "portable", "--save"])
+        .arg(&saved);
+    shell::run(&mut locate)?;
     let server = Arc::new(serve::Server::bind(&serve::Args {
         port: args.port,
         ..serve::Args::default()

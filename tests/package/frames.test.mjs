@@ -1,0 +1,158 @@
+// What the engine takes and what it tells over several frames: kinds of pictures, states, focal lengths.
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { blank, haveSample } from "./page.mjs";
+
+const skip = haveSample() ? false : "the sample scene is not there: run `cargo xtask sample`";
+
+test("every kind of picture is taken, and the same pixels give the same position", { skip }, async (t) => {
+  const { page } = await blank(t);
+  const seen = await page.evaluate(async () => {
+    const intrinsics = globalThis.sample.camera;
+    const { width, height } = intrinsics;
+    const relocalizer = await globalThis.make();
+    const blob = await globalThis.picture(0);
+    const bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none" });
+    const onscreen = document.createElement("canvas");
+    const offscreen = new OffscreenCanvas(width, height);
+    for (const canvas of [onscreen, offscreen]) {
+      canvas.width = width;
+      canvas.height = height;
+      canvas.getContext("2d", { alpha: false }).drawImage(bitmap, 0, 0);
+    }
+    const pixels = offscreen.getContext("2d").getImageData(0, 0, width, height);
+    const rgb = new Uint8Array(3 * width * height);
+    for (let i = 0; i < width * height; i++) rgb.set(pixels.data.subarray(4 * i, 4 * i + 3), 3 * i);
+    // Rows with something behind them, as video decoders leave them.
+    const stride = 4 * width + 32;
+    const padded = new Uint8Array(stride * height);
+    for (let y = 0; y < height; y++) padded.set(pixels.data.subarray(4 * width * y, 4 * width * (y + 1)), stride * y);
+    const image = new Image();
+    image.src = URL.createObjectURL(blob);
+    await image.decode();
+    const video = document.createElement("video");
+    video.muted = true;
+    video.srcObject = onscreen.captureStream(10);
+    await video.play();
+    const frame = new VideoFrame(offscreen, { timestamp: 0 });
+    const kinds = {
+      ImageData: pixels,
+      ImageBitmap: bitmap,
+      Blob: blob,
+      canvas: onscreen,
+      OffscreenCanvas: offscreen,
+      image,
+      VideoFrame: frame,
+      rgba8: { data: pixels.data, width, height, format: "rgba8" },
+      rgb8: { data: rgb, width, height, format: "rgb8" },
+      padded: { data: padded, width, height, stride, format: "rgba8" },
+      video,
+    };
+    const positions = {};
+    for (const [kind, source] of Object.entries(kinds)) {
+      const { placement, reason } = await relocalizer.locate(source, { intrinsics });
+      positions[kind] = placement ? Object.values(placement.position) : reason;
+    }
+    frame.close();
+    await relocalizer.dispose();
+    return positions;
+  });
+  for (const [kind, position] of Object.entries(seen)) {
+    const apart = Math.max(...position.map((v, i) => Math.abs(v - seen.ImageData[i])));
+    // A video passes through its own colour format, which rounds.
+    assert.ok(apart <= (kind === "video" ? 0.02 : 0), `${kind}: ${position}, ${apart} from ImageData`);
+  }
+});
+
+test("states over several frames are told as events, with what limits them", { skip }, async (t) => {
+  const { page } = await blank(t);
+  const heard = await page.evaluate(async () => {
+    const intrinsics = globalThis.sample.camera;
+    const relocalizer = await globalThis.make({ smoothing: "steady" });
+    const events = [];
+    for (const name of ["searching", "tracking", "limited"]) {
+      relocalizer.addEventListener(name, ({ detail }) => events.push(detail.limited ? `${name}: ${detail.limited}` : name));
+    }
+    const here = await createImageBitmap(await globalThis.picture(0));
+    const there = await createImageBitmap(await globalThis.picture(12));
+    const wall = new ImageData(640, 480);
+    let timestamp = 1000;
+    const show = (picture) => relocalizer.locate(picture, { intrinsics, tracking: true, timestamp: (timestamp += 33) });
+    const first = await show(here);
+    for (let i = 0; i < 5; i++) await show(wall);
+    await show(here);
+    const jumped = await show(there);
+    await show(there);
+    await relocalizer.reset();
+    events.push(`reset: ${relocalizer.state}`);
+    await relocalizer.dispose();
+    return { events, smoothed: first.unsmoothed !== undefined, moved: jumped.placement && Math.hypot(...["x", "y", "z"].map((k) => jumped.placement.position[k] - first.placement.position[k])) };
+  });
+  assert.deepEqual(heard.events, ["tracking", "limited: lost", "searching", "tracking", "limited: jump", "tracking", "reset: searching"]);
+  assert.ok(heard.smoothed, "with smoothing on, the position before it is there too");
+  assert.ok(heard.moved > 1, "the two pictures are from different places");
+});
+
+test("the focal length is solved, learned per camera, read from EXIF and from the track", { skip }, async (t) => {
+  const { page } = await blank(t);
+  const seen = await page.evaluate(async () => {
+    const { focalLength35mm, follow } = globalThis.landline;
+    const relocalizer = await globalThis.make();
+    const learned = [];
+    for (let i = 0; i < 14; i++) {
+      const { located, intrinsics } = await relocalizer.locate(await globalThis.picture(i), { camera: "back" });
+      learned.push({ located, ...intrinsics });
+    }
+    const later = await globalThis.make();
+    await later.recallCamera("back", learned.at(-1).fx / 640);
+    const { located, intrinsics } = await later.locate(await globalThis.picture(2), { camera: "back" });
+    const recalled = { located, ...intrinsics, nonsense: await globalThis.failure(later.recallCamera("back", -1)) };
+    await later.dispose();
+    const other = (await relocalizer.locate(await globalThis.picture(0), { camera: "front" })).intrinsics.source;
+
+    // An EXIF block with FocalLengthIn35mmFilm = 28 right after the start of the picture.
+    const jpeg = new Uint8Array(await (await globalThis.picture(0)).arrayBuffer());
+    const tiff = [0x49, 0x49, 42, 0, 8, 0, 0, 0, 1, 0, 0x69, 0x87, 4, 0, 1, 0, 0, 0, 26, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0x05, 0xa4, 3, 0, 1, 0, 0, 0, 28, 0, 0, 0, 0, 0, 0, 0];
+    const block = [0xff, 0xe1, 0, tiff.length + 8, 0x45, 0x78, 0x69, 0x66, 0, 0, ...tiff];
+    const withExif = new Uint8Array([...jpeg.subarray(0, 2), ...block, ...jpeg.subarray(2)]);
+    const exif = await relocalizer.locate(new Blob([withExif], { type: "image/jpeg" }));
+
+    // No browser fills these in yet; the names are those of the W3C proposal.
+    const canvas = document.createElement("canvas");
+    canvas.width = 640;
+    canvas.height = 480;
+    canvas.getContext("2d").drawImage(await createImageBitmap(await globalThis.picture(0)), 0, 0);
+    const video = document.createElement("video");
+    video.muted = true;
+    video.srcObject = canvas.captureStream(10);
+    await video.play();
+    const { getSettings } = MediaStreamTrack.prototype;
+    MediaStreamTrack.prototype.getSettings = function () {
+      return { ...getSettings.call(this), width: 640, height: 480, focalLengthX: globalThis.sample.camera.fx };
+    };
+    const track = await new Promise((done, fail) => {
+      const loop = follow(relocalizer, video, {
+        camera: "track",
+        onResult: (result) => {
+          loop.stop();
+          done(result);
+        },
+        onError: fail,
+      });
+    });
+    await relocalizer.dispose();
+    return { learned, recalled, other, millimetres: focalLength35mm(withExif), exif: { located: exif.located, ...exif.intrinsics }, track: { located: track.located, ...track.intrinsics }, truth: globalThis.sample.camera.fx };
+  });
+  const off = (f) => Math.abs(f / seen.truth - 1);
+  t.diagnostic(`learned: ${seen.learned.map(({ source, fx }) => `${source} ${fx.toFixed(1)}`).join(", ")}; true ${seen.truth}; EXIF: ${seen.exif.fx.toFixed(1)}`);
+  assert.equal(seen.learned[0].source, "estimated");
+  assert.equal(seen.learned.at(-1).source, "remembered");
+  assert.ok(seen.learned.at(-1).relativeSigma === undefined || seen.learned.at(-1).relativeSigma < 0.05);
+  assert.ok(off(seen.learned.at(-1).fx) < 0.02, `learned ${seen.learned.at(-1).fx} of ${seen.truth}`);
+  assert.ok(seen.recalled.located && seen.recalled.source === "remembered" && off(seen.recalled.fx) < 0.02, JSON.stringify(seen.recalled));
+  assert.equal(seen.recalled.nonsense, "bad-input");
+  assert.equal(seen.other, "estimated", "another camera has learned nothing");
+  assert.equal(seen.millimetres, 28);
+  assert.ok(seen.exif.located && seen.exif.source === "exif" && off(seen.exif.fx) < 0.03, JSON.stringify(seen.exif));
+  assert.ok(seen.track.located && seen.track.source === "track" && off(seen.track.fx) < 1e-9, JSON.stringify(seen.track));
+});

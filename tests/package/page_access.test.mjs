@@ -1,0 +1,110 @@
+// Can everybody use the page, and does it keep its promise about what it sends?
+import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { join } from "node:path";
+import { test } from "node:test";
+import { brotliCompressSync } from "node:zlib";
+import { browser, haveSample, located, open, serve } from "./page.mjs";
+import { root, site } from "./support.mjs";
+
+const skip = haveSample() ? false : "the sample scene is not there: run `cargo xtask sample`";
+
+test("axe finds nothing against WCAG 2.2 A and AA", { skip }, async (t) => {
+  const axe = readFileSync(join(root, "web/node_modules/axe-core/axe.min.js"), "utf8");
+  const server = await serve(t);
+  const { page } = await open(await browser(t), server.url);
+  await located(page, 2);
+  await page.evaluate(() => (document.querySelector("#evaluation").hidden = false));
+  const check = async (where) => {
+    const violations = await page.evaluate(async () => {
+      const { violations } = await globalThis.axe.run(document, { runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"] });
+      return violations.map(({ id, nodes }) => `${id}: ${nodes.map((node) => node.target.join(" ")).join(", ")}`);
+    });
+    assert.deepEqual(violations, [], where);
+  };
+  await page.evaluate(axe);
+  await check("page");
+  for (const id of ["help", "privacy-details"]) {
+    await page.evaluate((name) => document.getElementById(name).showModal(), id);
+    await check(id);
+    await page.keyboard.press("Escape");
+  }
+});
+
+test("every control is reached with the Tab key and shows it", { skip }, async (t) => {
+  const server = await serve(t);
+  const { page } = await open(await browser(t), server.url);
+  await located(page);
+  await page.keyboard.press(" ");
+  await page.evaluate(() => document.activeElement.blur());
+  const wanted = await page.$$eval("button, input, select, [tabindex='0']", (all) =>
+    all.filter((e) => e.checkVisibility() && !e.disabled && e.tabIndex >= 0 && !e.closest("dialog")).length,
+  );
+  const reached = new Set();
+  for (let i = 0; i < 2 * wanted; i++) {
+    await page.keyboard.press("Tab");
+    const seen = await page.evaluate(() => {
+      const e = document.activeElement;
+      if (!e || e === document.body) return undefined;
+      e.dataset.seen ??= String(document.querySelectorAll("[data-seen]").length);
+      const { outlineStyle, outlineWidth } = getComputedStyle(e);
+      return { key: e.dataset.seen, name: e.id || e.textContent.trim(), outlined: outlineStyle !== "none" && outlineWidth !== "0px" };
+    });
+    if (!seen) continue;
+    assert.ok(seen.outlined, `${seen.name} shows no focus`);
+    reached.add(seen.key);
+  }
+  // The link to the picture, which only shows when it has the focus, comes on top.
+  assert.ok(reached.size >= wanted, `${reached.size} of ${wanted} controls are reached`);
+});
+
+test("who asked for less motion is shown one picture until the next is asked for", { skip }, async (t) => {
+  const server = await serve(t);
+  const { page } = await open(await browser(t), `${server.url}?dwell=0`, { reducedMotion: "reduce" });
+  await located(page);
+  assert.equal(await page.getAttribute("#play", "aria-label"), "Play");
+  await page.waitForTimeout(1500);
+  assert.equal(await page.$$eval(".thumb[data-result]", (all) => all.length), 1);
+  await page.click("#play");
+  await located(page, 3);
+});
+
+test("neither the page nor its worker can talk to another server", { skip }, async (t) => {
+  const other = await serve(t);
+  const server = await serve(t);
+  const { page } = await open(await browser(t), `${server.url}?dwell=0`);
+  await located(page);
+  const outcome = await page.evaluate(async (address) => {
+    const refused = new Promise((done) => document.addEventListener("securitypolicyviolation", ({ effectiveDirective }) => done(effectiveDirective), { once: true }));
+    const error = await fetch(address, { method: "POST", body: "a picture", mode: "no-cors" }).then(() => "sent", (e) => e.name);
+    return { error, directive: await refused, beacon: navigator.sendBeacon(address, "a picture") };
+  }, other.url);
+  assert.deepEqual({ error: outcome.error, directive: outcome.directive }, { error: "TypeError", directive: "connect-src" });
+  const [worker] = page.workers();
+  const left = await worker.evaluate(() => ["fetch", "XMLHttpRequest", "WebSocket", "EventSource", "WebTransport", "importScripts", "Worker", "caches"].filter((name) => globalThis[name] !== undefined));
+  assert.deepEqual(left, [], "the worker has given up the network");
+  assert.equal(other.requests.length, 0);
+  // What was tried is counted, whether or not it went anywhere.
+  assert.match(await page.textContent("#bytes-sent"), /^18 bytes sent$/);
+});
+
+test("the first load, in bytes", { skip }, async (t) => {
+  const server = await serve(t);
+  const { page } = await open(await browser(t), `${server.url}?dwell=100000&no-offline`);
+  await located(page);
+  await page.waitForSelector("#map-frame canvas");
+  const files = [...new Set(server.requests.map(({ path }) => (path === "/" ? "/index.html" : path)))];
+  const groups = { page: 0, engine: 0, extractor: 0, three: 0, scene: 0, pictures: 0 };
+  for (const path of files) {
+    const bytes = readFileSync(join(site(), path));
+    const group = path.includes("/three/") ? "three" : path.endsWith(".safetensors") ? "extractor" : path.endsWith(".landline") ? "scene" : path.endsWith(".jpg") ? "pictures" : path.includes("/vendor/landline/") ? "engine" : "page";
+    groups[group] += group === "pictures" ? bytes.length : brotliCompressSync(bytes).length;
+  }
+  const { scene, pictures, ...code } = groups;
+  const total = Object.values(code).reduce((sum, n) => sum + n, 0);
+  t.diagnostic(`first load without scene and pictures: ${total} bytes as brotli in ${files.length} files (${Object.entries(code).map(([name, n]) => `${name} ${n}`).join(", ")}); scene ${scene}, pictures ${pictures}`);
+  assert.ok(total < 2_500_000, "a page that one waits for");
+  const engine = brotliCompressSync(readFileSync(join(site(), "vendor/landline/landline_bg.wasm"))).length;
+  t.diagnostic(`engine: ${engine} bytes as brotli`);
+  assert.ok(engine <= 1_000_000);
+});

@@ -1,0 +1,101 @@
+// The ways into the page: files that are dropped, a video, an address, a folder with poses.
+import assert from "node:assert/strict";
+import { cp, mkdtemp, readFile, rm } from "node:fs/promises";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { test } from "node:test";
+import { artefact, browser, haveSample, located, open, sampleFiles, serve } from "./page.mjs";
+
+const skip = haveSample() ? false : "the sample scene is not there: run `cargo xtask sample`";
+
+/** Drops paths on the middle of the page, as a file manager would. */
+async function drop(page, paths) {
+  const session = await page.context().newCDPSession(page);
+  const data = { items: [], files: paths, dragOperationsMask: 1 };
+  for (const type of ["dragEnter", "dragOver", "drop"]) await session.send("Input.dispatchDragEvent", { type, x: 400, y: 400, data });
+}
+
+test("a dropped picture is located", { skip }, async (t) => {
+  const { pictures, camera } = await sampleFiles();
+  const server = await serve(t);
+  const { page } = await open(await browser(t), server.url);
+  await located(page);
+  await page.fill("#focal", String(camera.fx));
+  await drop(page, [pictures[3].path]);
+  await page.waitForFunction((name) => document.querySelector("#stage-tag").textContent === name, pictures[3].name);
+  await located(page);
+  assert.equal(await page.$$eval(".thumb", (all) => all.length), 1);
+  assert.equal(await page.getAttribute("[data-source=open]", "aria-pressed"), "true");
+  assert.equal(await page.isVisible("#drop"), false);
+});
+
+test("a dropped folder with a scene and poses is evaluated", { skip }, async (t) => {
+  const { pictures, folder: sample } = await sampleFiles();
+  const folder = await mkdtemp(join(tmpdir(), "landline-folder-"));
+  t.after(() => rm(folder, { recursive: true, force: true }));
+  for (const name of ["sample.json", "sample.landline", ...pictures.slice(0, 4).map((picture) => picture.name)]) await cp(join(sample, name), join(folder, name));
+  const server = await serve(t);
+  const { page, said } = await open(await browser(t), server.url);
+  await located(page);
+  await drop(page, [folder]);
+  await page.waitForFunction(() => document.querySelector("#evaluation").dataset.done === "true");
+  assert.match(await page.textContent("#evaluation-note"), /4 of 4 pictures have a pose in sample\.json/);
+  const facts = await page.textContent("#evaluation-facts");
+  assert.match(facts, /4, 4 located/);
+  assert.match(facts, /Within 5 cm, 5°100\.0 %/);
+  const [download] = await Promise.all([page.waitForEvent("download"), page.click("#save-csv")]);
+  const rows = (await readFile(await download.path(), "utf8")).trim().split("\n");
+  assert.equal(rows.length, 5);
+  assert.match(rows[1], /^query-00\.jpg,true,0\.0\d+,/);
+  await page.locator("#evaluation").scrollIntoViewIfNeeded();
+  await page.screenshot({ path: artefact("evaluation.png"), fullPage: true });
+  assert.deepEqual(said, []);
+});
+
+test("a video is followed", { skip }, async (t) => {
+  const { pictures, camera } = await sampleFiles();
+  const server = await serve(t);
+  const { page, said } = await open(await browser(t), server.url);
+  await located(page);
+  const recorded = await page.evaluate(async (url) => {
+    const canvas = document.createElement("canvas");
+    canvas.width = 640;
+    canvas.height = 480;
+    const context = canvas.getContext("2d");
+    const bitmap = await createImageBitmap(await (await fetch(url)).blob());
+    const recorder = new MediaRecorder(canvas.captureStream(15), { mimeType: "video/webm;codecs=vp8", videoBitsPerSecond: 8e6 });
+    const parts = [];
+    recorder.ondataavailable = ({ data }) => parts.push(data);
+    recorder.start();
+    const painting = setInterval(() => context.drawImage(bitmap, 0, 0), 50);
+    await new Promise((done) => setTimeout(done, 1500));
+    const stopped = new Promise((done) => (recorder.onstop = done));
+    recorder.stop();
+    clearInterval(painting);
+    await stopped;
+    const bytes = new Uint8Array(await new Blob(parts).arrayBuffer());
+    return btoa(Array.from(bytes, (b) => String.fromCharCode(b)).join(""));
+  }, `scenes/sample/${pictures[0].name}`);
+  await page.fill("#focal", String(camera.fx));
+  await page.setInputFiles("#open-media", { name: "walk.webm", mimeType: "video/webm", buffer: Buffer.from(recorded, "base64") });
+  await page.waitForFunction(() => globalThis.landlinePage.state.result?.state === "tracking");
+  assert.equal(await page.textContent("#stage-tag"), "walk.webm");
+  await page.click("#play");
+  assert.equal(await page.evaluate(() => globalThis.landlinePage.state.live.video.paused), true);
+  // What is no video says what would be one.
+  await page.setInputFiles("#open-media", { name: "walk.mp4", mimeType: "video/mp4", buffer: Buffer.from("no video") });
+  await page.waitForSelector("#problem[open]");
+  assert.match(await page.textContent("#problem-hint"), /MP4/);
+  assert.deepEqual(said, []);
+});
+
+test("a scene can be named in the address", { skip }, async (t) => {
+  const server = await serve(t);
+  const { page } = await open(await browser(t), `${server.url}?scene=scenes/sample/sample.landline&device=cpu`);
+  await page.waitForFunction(() => document.querySelector("#status-word").textContent === "Ready");
+  assert.match(await page.textContent("#scene-facts"), /sample\.landline/);
+  assert.equal(await page.inputValue("#device"), "cpu");
+  const { page: wrong } = await open(await browser(t), `${server.url}?scene=nowhere.landline`);
+  await wrong.waitForSelector("#problem[open]");
+  assert.equal(await wrong.textContent("#problem-code"), "asset-fetch");
+});

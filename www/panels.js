@@ -112,14 +112,14 @@ function showFacts(result, metric, error) {
   const q = result.quality;
   const k = result.intrinsics;
   const rows = [
-    ["Points", `${q.pointInliers} of ${q.pointCorrespondences} agree`],
-    ["Lines", `${q.lineInliers} of ${q.lineCorrespondences} agree`],
+    ["Points agree", `${q.pointInliers} of ${q.pointCorrespondences}`],
+    ["Lines agree", `${q.lineInliers} of ${q.lineCorrespondences}`],
   ];
   rows.push(["Detected", `${q.keypoints} points, ${q.segments} lines`]);
   if (result.placement) {
     const { x, y, z } = result.placement.position;
     rows.unshift(["Position", [x, y, z].map((v) => v.toFixed(3)).join("  ") + (metric ? " m" : "")]);
-    rows.push(["Error in picture", `${q.medianErrorPx.toFixed(2)} px (median)`]);
+    rows.push(["Error in picture", `${q.medianErrorPx.toFixed(2)} px median`]);
     if (q.sigmaPosition !== undefined) rows.push(["Uncertainty", `${length(q.sigmaPosition, metric)}, ${((q.sigmaRotationRad * 180) / Math.PI).toFixed(2)}°`]);
     rows.push(["Confidence", q.confidence.toFixed(2)]);
   }

@@ -53,7 +53,8 @@ export function showBackend({ backend, backendReason }) {
 }
 
 function showCounts() {
-  $("map-counts").textContent = map.numLines + map.numPoints === 0 ? "Map: nothing seen yet" : `Seen so far: ${map.numLines} lines, ${map.numPoints} points`;
+  const known = state.truth.length > 0 ? ". Grey: known camera positions" : "";
+  $("map-counts").textContent = map.numLines + map.numPoints === 0 ? "Map: nothing seen yet" : `Seen so far: ${map.numLines} lines, ${map.numPoints} points${known}`;
 }
 
 /** Calls with the 3D view; three.js is loaded with the first located frame, which also tells which way is up. */

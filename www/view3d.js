@@ -59,7 +59,7 @@ export class MapView {
     this.#lines.frustumCulled = false;
     this.#points = new THREE.Points(new THREE.BufferGeometry(), new THREE.PointsMaterial({ color: colors.point, size: 2.2, sizeAttenuation: false, transparent: true, opacity: 0.75 }));
     this.#points.frustumCulled = false;
-    this.#frustum = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: "#ffffff" }));
+    this.#frustum = new LineSegments2(new LineSegmentsGeometry(), new LineMaterial({ color: "#ffffff", linewidth: 2 }));
     this.#frustum.matrixAutoUpdate = false;
     this.#frustum.visible = false;
     this.#frustum.frustumCulled = false;
@@ -69,7 +69,7 @@ export class MapView {
     this.#picture.matrixAutoUpdate = false;
     this.#picture.visible = false;
     this.#picture.frustumCulled = false;
-    this.#pathLine = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: "#4bd58a" }));
+    this.#pathLine = new LineSegments2(new LineSegmentsGeometry(), new LineMaterial({ color: "#4bd58a", linewidth: 2 }));
     this.#pathLine.frustumCulled = false;
     this.#scene.add(this.#lines, this.#points, this.#frustum, this.#picture, this.#pathLine, this.#truth);
     this.#observer = new ResizeObserver(() => this.#resize());
@@ -101,8 +101,7 @@ export class MapView {
 
   clear() {
     this.#path = [];
-    this.#pathLine.geometry.dispose();
-    this.#pathLine.geometry = new THREE.BufferGeometry();
+    this.#pathLine.visible = false;
     this.#frustum.visible = false;
     this.#picture.visible = false;
     this.#touched = false;
@@ -127,8 +126,7 @@ export class MapView {
       if (!continuous && this.#path.length > 0 && new THREE.Vector3(x, y, z).distanceTo(new THREE.Vector3(...this.#path.at(-1))) > 1.5) this.#path = [];
       this.#path.push([x, y, z]);
       if (this.#path.length > maxPath) this.#path.shift();
-      this.#pathLine.geometry.dispose();
-      this.#pathLine.geometry = new THREE.BufferGeometry().setFromPoints(this.#path.map((p) => new THREE.Vector3(...p)));
+      this.#showPath();
       if (!this.#touched && !this.following && this.#radius() > 1.03 * this.#framedRadius) this.reset();
       if (this.following) this.#follow(matrix);
     }
@@ -171,6 +169,14 @@ export class MapView {
     this.#controls.update();
   }
 
+  #showPath() {
+    const path = this.#path;
+    this.#pathLine.visible = path.length > 1;
+    if (path.length < 2) return;
+    this.#pathLine.geometry.dispose();
+    this.#pathLine.geometry = new LineSegmentsGeometry().setPositions(path.slice(1).flatMap((p, i) => [...path[i], ...p]));
+  }
+
   #showMap(map) {
     this.#mapVersion = map.version;
     const lines = new Float32Array(6 * map.numLines);
@@ -204,7 +210,7 @@ export class MapView {
     const eye = new THREE.Vector3();
     const edges = corners.flatMap((c, i) => [eye, c, c, corners[(i + 1) % 4]]);
     this.#frustum.geometry.dispose();
-    this.#frustum.geometry = new THREE.BufferGeometry().setFromPoints(edges);
+    this.#frustum.geometry = new LineSegmentsGeometry().setPositions(edges.flatMap((p) => p.toArray()));
     if (!picture) return;
     const width = 256;
     const height = Math.max(1, Math.round((width * k.height) / k.width));

@@ -102,8 +102,6 @@ export type LandlineErrorCode =
  | "scene-extractor"
 /** The extractor's weights are damaged or of another network. */
  | "extractor-corrupt"
-/** The WebGPU device is gone and cannot be replaced. */
- | "webgpu-lost"
 /** Memory could not be had. */
  | "out-of-memory"
 /** An argument makes no sense; `message` names it and its value. */
@@ -119,7 +117,7 @@ export declare class LandlineError extends Error {
     readonly name = "LandlineError";
     /** Stable; made for `switch`. */
     readonly code: LandlineErrorCode;
-    /** What the reader can do about it, one sentence; empty when there is nothing. */
+    /** What the reader can do about it; never empty. */
     readonly hint: string;
     constructor(code: LandlineErrorCode, message: string, hint?: string, cause?: unknown);
 }
@@ -177,7 +175,7 @@ export {};
 
 /** Messages between the page and the worker. */
 import type { PlainError } from "./errors.js";
-import type { Device, Include, Intrinsics, IntrinsicsSource, LiveOptions, LocateResult, RawFrame, SceneInfo, Backend } from "./types.js";
+import type { Device, Include, Intrinsics, KnownIntrinsicsSource, LiveOptions, LocateResult, RawFrame, SceneInfo, Backend } from "./types.js";
 /** Pixels, or something that the worker can draw. */
 export type WireFrame = RawFrame | ImageBitmap | VideoFrame;
 export interface CreateRequest {
@@ -190,7 +188,7 @@ export interface CreateRequest {
 export interface LocateRequest {
     frame: WireFrame;
     intrinsics?: Intrinsics;
-    intrinsicsSource: IntrinsicsSource;
+    intrinsicsSource: KnownIntrinsicsSource;
     timestampMs: number;
     include: readonly Include[];
     camera: string;
@@ -218,6 +216,13 @@ export interface Calls {
     };
     setOptions: {
         request: LiveOptions;
+        reply: null;
+    };
+    recallCamera: {
+        request: {
+            camera: string;
+            focalPerWidth: number;
+        };
         reply: null;
     };
     reset: {
@@ -281,6 +286,11 @@ export declare class Relocalizer extends EventTarget {
     locate(source: FrameSource, options?: LocateOptions): Promise<LocateResult>;
     /** Changes options; those left out stay. */
     setOptions(options: LiveOptions): Promise<void>;
+    /**
+     * Takes over the focal length that an earlier session learned of a camera, as a start that frames of this session
+     * correct. What a session has learned stands in results whose `intrinsics.source` is `remembered`: `fx / width`.
+     */
+    recallCamera(camera: string, focalPerWidth: number): Promise<void>;
     /** Forgets where the camera was: the next frame is located from nothing. */
     reset(): Promise<void>;
     /** Bytes that the engine holds. */
@@ -328,14 +338,16 @@ export interface Intrinsics {
     width: number;
     height: number;
 }
-/** How the intrinsics of a result came to be known. */
-export type IntrinsicsSource = 
-/** Passed to `locate`. */
+/** Where intrinsics that somebody states come from. */
+export type KnownIntrinsicsSource = 
+/** The caller knows them. */
 "given"
-/** From the camera track's settings. */
+/** The camera track's settings. */
  | "track"
-/** From the picture's EXIF data. */
- | "exif"
+/** The picture's EXIF data. */
+ | "exif";
+/** How the intrinsics of a result came to be known. */
+export type IntrinsicsSource = KnownIntrinsicsSource
 /** Learned from earlier frames of the same camera. */
  | "remembered"
 /** Solved from this frame together with the position. */
@@ -475,6 +487,8 @@ export interface LocateResult {
 /** Options of one `locate` call. */
 export interface LocateOptions {
     intrinsics?: Intrinsics;
+    /** Where they come from; `given` by default. Those of EXIF are taken as a few percent off and refined. */
+    intrinsicsSource?: KnownIntrinsicsSource;
     /** Milliseconds; must grow from frame to frame of one camera. */
     timestamp?: number;
     include?: readonly Include[];

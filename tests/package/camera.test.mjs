@@ -5,7 +5,7 @@ import { artefact, browser, fakeCamera, haveSample, located, open, sampleFiles, 
 
 const skip = haveSample() ? false : "the sample scene is not there: run `cargo xtask sample`";
 
-test("locates the camera's frames and tracks", { skip }, async (t) => {
+test("locates the camera's frames and tracks", { skip, timeout: 240_000 }, async (t) => {
   const { pictures, camera } = await sampleFiles();
   // Each picture stays for a second so that slow machines see it too.
   const flags = await fakeCamera(t, pictures.slice(0, 5).map(({ path }) => path), 30);
@@ -34,7 +34,7 @@ test("locates the camera's frames and tracks", { skip }, async (t) => {
   assert.deepEqual(said, []);
 });
 
-test("learns the camera's focal length and knows it at the next visit", { skip }, async (t) => {
+test("learns the camera's focal length and knows it at the next visit", { skip, timeout: 240_000 }, async (t) => {
   const { pictures, camera } = await sampleFiles();
   const flags = await fakeCamera(t, pictures.slice(0, 8).map(({ path }) => path), 20);
   const server = await serve(t);
@@ -57,7 +57,7 @@ test("learns the camera's focal length and knows it at the next visit", { skip }
   assert.equal(await page.evaluate(() => localStorage.getItem("landline-cameras")), null);
 });
 
-test("offers the other cameras by name, and goes back to the sample", { skip }, async (t) => {
+test("offers the other cameras by name, and goes back to the sample", { skip, timeout: 240_000 }, async (t) => {
   const server = await serve(t);
   const flags = ["--use-fake-device-for-media-stream=device-count=2", "--use-fake-ui-for-media-stream"];
   const { page } = await open(await browser(t, flags), server.url, { permissions: ["camera"] });
@@ -79,7 +79,7 @@ test("offers the other cameras by name, and goes back to the sample", { skip }, 
   assert.equal(await used(), undefined, "the camera is off");
 });
 
-test("a camera that is refused", { skip }, async (t) => {
+test("a camera that is refused", { skip, timeout: 240_000 }, async (t) => {
   // A camera is there, and the browser has no permission to give it: headless Chromium refuses by itself.
   const server = await serve(t);
   const { page } = await open(await browser(t, ["--use-fake-device-for-media-stream"]), server.url);

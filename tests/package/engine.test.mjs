@@ -5,7 +5,7 @@ import { blank, haveSample } from "./page.mjs";
 
 const skip = haveSample() ? false : "the sample scene is not there: run `cargo xtask sample`";
 
-test("odd frames get a typed error or a clear result, and the next frame works", { skip }, async (t) => {
+test("odd frames get a typed error or a clear result, and the next frame works", { skip, timeout: 240_000 }, async (t) => {
   const { page } = await blank(t);
   const outcome = await page.evaluate(async () => {
     const { failure } = globalThis;
@@ -67,7 +67,7 @@ test("odd frames get a typed error or a clear result, and the next frame works",
   });
 });
 
-test("two instances, disposal during frames, cancelling", { skip }, async (t) => {
+test("two instances, disposal during frames, cancelling", { skip, timeout: 240_000 }, async (t) => {
   const { page } = await blank(t);
   const outcome = await page.evaluate(async () => {
     const { failure, make } = globalThis;
@@ -93,7 +93,7 @@ test("two instances, disposal during frames, cancelling", { skip }, async (t) =>
   assert.deepEqual(outcome, { onThisThread: ["disposed", "disposed", "disposed"], same: true, ended: ["disposed", "disposed", "disposed"], alive: true, cancelled: "AbortError", already: "AbortError" });
 });
 
-test("a scene of another extractor, a later version, a damaged one", { skip }, async (t) => {
+test("a scene of another extractor, a later version, a damaged one", { skip, timeout: 240_000 }, async (t) => {
   const { page } = await blank(t);
   const outcome = await page.evaluate(async () => {
     const { failure, make } = globalThis;
@@ -133,7 +133,7 @@ test("a scene of another extractor, a later version, a damaged one", { skip }, a
   });
 });
 
-test("a damaged cache entry is loaded again", { skip }, async (t) => {
+test("a damaged cache entry is loaded again", { skip, timeout: 240_000 }, async (t) => {
   const { page, server } = await blank(t);
   const outcome = await page.evaluate(async () => {
     const events = [];

@@ -93,6 +93,15 @@ export async function blank(test) {
     globalThis.make = (options = {}) => globalThis.landline.Relocalizer.create({ scene: "./scenes/sample/sample.landline", device: "cpu", ...options });
     globalThis.sample = await (await fetch("./scenes/sample/sample.json")).json();
     globalThis.picture = async (i) => (await fetch(`./scenes/sample/${globalThis.sample.pictures[i].name}`)).blob();
+    // A video of a canvas. A canvas that nobody paints gives no frames, so it is painted over with itself.
+    globalThis.playing = async (canvas) => {
+      const video = document.createElement("video");
+      video.muted = true;
+      video.srcObject = canvas.captureStream(10);
+      setInterval(() => canvas.getContext("2d").drawImage(canvas, 0, 0), 100);
+      await video.play();
+      return video;
+    };
     globalThis.failure = async (promise) => {
       try {
         await promise;

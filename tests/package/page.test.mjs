@@ -5,7 +5,7 @@ import { artefact, browser, haveSample, located, open, serve } from "./page.mjs"
 
 const skip = haveSample() ? false : "the sample scene is not there: run `cargo xtask sample`";
 
-test("opens, locates the sample pictures, and sends nothing", { skip }, async (t) => {
+test("opens, locates the sample pictures, and sends nothing", { skip, timeout: 240_000 }, async (t) => {
   const server = await serve(t);
   const { page, said } = await open(await browser(t), `${server.url}?dwell=0`);
   await located(page, 3);
@@ -25,7 +25,7 @@ test("opens, locates the sample pictures, and sends nothing", { skip }, async (t
   await page.screenshot({ path: artefact("desktop.png"), fullPage: true });
 });
 
-test("fits a phone", { skip }, async (t) => {
+test("fits a phone", { skip, timeout: 240_000 }, async (t) => {
   const server = await serve(t);
   const { page, said } = await open(await browser(t), `${server.url}?dwell=0`, { viewport: { width: 390, height: 844 }, deviceScaleFactor: 2, isMobile: true, hasTouch: true });
   await located(page, 2);
@@ -40,7 +40,7 @@ test("fits a phone", { skip }, async (t) => {
   await page.screenshot({ path: artefact("phone-full.png"), fullPage: true });
 });
 
-test("runs under a strict policy, from a sub-path, without cross-origin isolation", { skip }, async (t) => {
+test("runs under a strict policy, from a sub-path, without cross-origin isolation", { skip, timeout: 240_000 }, async (t) => {
   const policy = "default-src 'self'; script-src 'self' 'wasm-unsafe-eval' HASH; connect-src 'self'; img-src 'self' blob: data:; style-src 'self'; worker-src 'self'; object-src 'none'; base-uri 'none'; frame-ancestors 'none'";
   const plain = await serve(t);
   const hash = /'sha256-[^']+'/.exec(await (await fetch(plain.url)).text())?.[0];
@@ -61,7 +61,7 @@ test("runs under a strict policy, from a sub-path, without cross-origin isolatio
   assert.deepEqual(said.filter((line) => !/unsafe-eval/.test(line)), []);
 });
 
-test("asks its server for nothing once it is ready", { skip }, async (t) => {
+test("asks its server for nothing once it is ready", { skip, timeout: 240_000 }, async (t) => {
   const server = await serve(t);
   const { page } = await open(await browser(t), `${server.url}?dwell=0`);
   const count = await page.$$eval(".thumb", (all) => all.length).catch(() => 0);
@@ -80,7 +80,7 @@ test("asks its server for nothing once it is ready", { skip }, async (t) => {
   assert.deepEqual(after, [], `asked for more (${count})`);
 });
 
-test("works again without a network", { skip }, async (t) => {
+test("works again without a network", { skip, timeout: 240_000 }, async (t) => {
   const server = await serve(t);
   const launched = await browser(t);
   const { page, context } = await open(launched, `${server.url}?dwell=0`);
@@ -97,7 +97,7 @@ test("works again without a network", { skip }, async (t) => {
   await located(second, 1);
 });
 
-test("can be used with the keyboard", { skip }, async (t) => {
+test("can be used with the keyboard", { skip, timeout: 240_000 }, async (t) => {
   const server = await serve(t);
   const { page } = await open(await browser(t), server.url);
   await located(page, 1);
@@ -118,7 +118,7 @@ test("can be used with the keyboard", { skip }, async (t) => {
   assert.notEqual(await page.evaluate(() => document.activeElement.tagName), "BODY");
 });
 
-test("rests while its tab is hidden", { skip }, async (t) => {
+test("rests while its tab is hidden", { skip, timeout: 240_000 }, async (t) => {
   const server = await serve(t);
   const { page } = await open(await browser(t), `${server.url}?dwell=0`);
   await located(page, 1);

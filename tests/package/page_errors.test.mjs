@@ -12,7 +12,7 @@ async function problem(page) {
   return { title: await read("title"), text: await read("text"), hint: await read("hint"), code: await read("code") };
 }
 
-test("no camera", { skip }, async (t) => {
+test("no camera", { skip, timeout: 240_000 }, async (t) => {
   const server = await serve(t);
   const { page } = await open(await browser(t), server.url, { permissions: ["camera"] });
   await located(page);
@@ -25,7 +25,7 @@ test("no camera", { skip }, async (t) => {
   await located(page);
 });
 
-test("a scene file that is none", { skip }, async (t) => {
+test("a scene file that is none", { skip, timeout: 240_000 }, async (t) => {
   const server = await serve(t);
   const { page } = await open(await browser(t), server.url);
   await located(page);
@@ -42,7 +42,7 @@ test("a scene file that is none", { skip }, async (t) => {
   assert.equal(typeof result, "string");
 });
 
-test("network cut while the weights load, then back", { skip }, async (t) => {
+test("network cut while the weights load, then back", { skip, timeout: 240_000 }, async (t) => {
   const server = await serve(t, { faults: { ".landline": { cutAt: 20_000 } } });
   const { page } = await open(await browser(t), server.url);
   const shown = await problem(page);
@@ -54,7 +54,7 @@ test("network cut while the weights load, then back", { skip }, async (t) => {
   await located(page);
 });
 
-test("the server sends its start page instead of the weights", { skip }, async (t) => {
+test("the server sends its start page instead of the weights", { skip, timeout: 240_000 }, async (t) => {
   const server = await serve(t, { faults: { ".safetensors": { body: "<!doctype html><title>Home</title>", type: "text/html" } } });
   const { page } = await open(await browser(t), server.url);
   const shown = await problem(page);
@@ -62,13 +62,13 @@ test("the server sends its start page instead of the weights", { skip }, async (
   assert.match(shown.text, /web page/);
 });
 
-test("wasm with a wrong MIME type still runs", { skip }, async (t) => {
+test("wasm with a wrong MIME type still runs", { skip, timeout: 240_000 }, async (t) => {
   const server = await serve(t, { faults: { ".wasm": { type: "text/plain" } } });
   const { page } = await open(await browser(t), server.url);
   await located(page);
 });
 
-test("something else instead of the wasm", { skip }, async (t) => {
+test("something else instead of the wasm", { skip, timeout: 240_000 }, async (t) => {
   const server = await serve(t, { faults: { ".wasm": { body: "404: but with status 200", type: "application/octet-stream" } } });
   const { page } = await open(await browser(t), server.url);
   const shown = await problem(page);
@@ -76,7 +76,7 @@ test("something else instead of the wasm", { skip }, async (t) => {
   assert.match(shown.text, /34 30 34 3a/);
 });
 
-test("the backend can be chosen, and the page says what it got", { skip }, async (t) => {
+test("the backend can be chosen, and the page says what it got", { skip, timeout: 240_000 }, async (t) => {
   const server = await serve(t);
   const { page } = await open(await browser(t), `${server.url}?dwell=0`);
   await located(page);
@@ -86,7 +86,7 @@ test("the backend can be chosen, and the page says what it got", { skip }, async
   assert.equal(await page.textContent("#backend"), "CPU");
 });
 
-test("pictures that cannot be decoded leave the page usable", { skip }, async (t) => {
+test("pictures that cannot be decoded leave the page usable", { skip, timeout: 240_000 }, async (t) => {
   const server = await serve(t);
   const { page } = await open(await browser(t), server.url);
   await located(page);

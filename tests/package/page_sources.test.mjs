@@ -15,7 +15,7 @@ async function drop(page, paths) {
   for (const type of ["dragEnter", "dragOver", "drop"]) await session.send("Input.dispatchDragEvent", { type, x: 400, y: 400, data });
 }
 
-test("a dropped picture is located", { skip }, async (t) => {
+test("a dropped picture is located", { skip, timeout: 240_000 }, async (t) => {
   const { pictures, camera } = await sampleFiles();
   const server = await serve(t);
   const { page } = await open(await browser(t), server.url);
@@ -29,7 +29,7 @@ test("a dropped picture is located", { skip }, async (t) => {
   assert.equal(await page.isVisible("#drop"), false);
 });
 
-test("a dropped folder with a scene and poses is evaluated", { skip }, async (t) => {
+test("a dropped folder with a scene and poses is evaluated", { skip, timeout: 240_000 }, async (t) => {
   const { pictures, folder: sample } = await sampleFiles();
   const folder = await mkdtemp(join(tmpdir(), "landline-folder-"));
   t.after(() => rm(folder, { recursive: true, force: true }));
@@ -52,7 +52,7 @@ test("a dropped folder with a scene and poses is evaluated", { skip }, async (t)
   assert.deepEqual(said, []);
 });
 
-test("a video is followed", { skip }, async (t) => {
+test("a video is followed", { skip, timeout: 240_000 }, async (t) => {
   const { pictures, camera } = await sampleFiles();
   const server = await serve(t);
   const { page, said } = await open(await browser(t), server.url);
@@ -89,7 +89,7 @@ test("a video is followed", { skip }, async (t) => {
   assert.deepEqual(said, []);
 });
 
-test("a scene can be named in the address", { skip }, async (t) => {
+test("a scene can be named in the address", { skip, timeout: 240_000 }, async (t) => {
   const server = await serve(t);
   const { page } = await open(await browser(t), `${server.url}?scene=scenes/sample/sample.landline&device=cpu`);
   await page.waitForFunction(() => document.querySelector("#status-word").textContent === "Ready");

@@ -16,7 +16,7 @@ import numpy as np
 import onnxruntime
 import torch
 
-from networks import CONVOLUTIONS, PRODUCTS, build
+from networks import CONVOLUTIONS, PRODUCTS, build, build_native
 
 torch.set_num_threads(1)
 folder, library = Path(sys.argv[1]), ctypes.CDLL(str(Path(sys.argv[2]).resolve()))
@@ -37,9 +37,9 @@ class Ours:
         return np.ctypeslib.as_array(library.output(self.handle, index), (count,)).copy()
 
 
-def network(name, width, height, data):
+def network(kind, name, width, height, data):
     weights = (folder / name).read_bytes()
-    return Ours(library.network_new(width, height, weights, len(weights)), data)
+    return Ours(library.network_new(kind, width, height, weights, len(weights)), data)
 
 
 def session(name, data):
@@ -104,7 +104,7 @@ with torch.inference_mode():
         times = race([mine, lambda: layer(x), session(f"conv_{h}_{w}_{i}_{o}_{stride}.onnx", x)])
         report(f"conv3x3 {i}-{o} {w}x{h}", 2 * 9 * h * w * i * o / 1e9, times, labels)
 
-    mine, theirs = network("xfeat.safetensors", 640, 480, gray), session("xfeat.onnx", gray)
+    mine, theirs = network(0, "xfeat.safetensors", 640, 480, gray), session("xfeat.onnx", gray)
     mine()
     last = lambda features, heat, reliability: [np.moveaxis(np.asarray(features)[0], 0, -1), heat, reliability]
     found = {
@@ -117,7 +117,7 @@ with torch.inference_mode():
     report("XFeat 640x480", 2.62, race([mine, lambda: xfeat(gray), theirs]), labels)
     for n in (512, 1024):
         x = descriptors[:n]
-        mine, theirs = network("point.safetensors", n, 0, x), session(f"point_{n}.onnx", x)
+        mine, theirs = network(2, "point.safetensors", n, 0, x), session(f"point_{n}.onnx", x)
         simple = session(f"point_{n}_folded.onnx", x)
         mine()
         found = {"ours": [mine.output(2, 3 * n)], "PyTorch": [plain(x)[1].numpy()], "onnxruntime": [theirs()[1]]}
@@ -125,3 +125,21 @@ with torch.inference_mode():
         compare(f"point branch {n}", truth, found, [folder / f"wasm_point_{n}.f32"])
         times = race([mine, lambda: plain(x), theirs, simple])
         report(f"point branch, {n} keypoints", 0, times, labels + ["onnxruntime, simplified network"])
+
+    superpoint, line, tokens = build_native()
+    mine, theirs = network(3, "line.safetensors", 300, 0, tokens), session("line_300.onnx", tokens)
+    mine()
+    found = {"ours": [mine.output(2, 1800)], "PyTorch": [line(tokens)[1].numpy()], "onnxruntime": [theirs()[1]]}
+    compare("line branch 300", [build_native()[1].double()(tokens.double())[1].numpy()], found, [folder / "none"])
+    report("line branch, 300 segments", 0, race([mine, lambda: line(tokens), theirs]), labels)
+    mine, theirs = network(1, "superpoint.safetensors", 640, 480, gray), session("superpoint.onnx", gray)
+    mine()
+    last = lambda features, heat: [np.moveaxis(np.asarray(features)[0], 0, -1), heat]
+    found = {
+        "ours": [mine.output(0, 256 * 4800), mine.output(1, 307200)],
+        "PyTorch": last(*(t.numpy() for t in superpoint(gray))),
+        "onnxruntime": last(*theirs()),
+    }
+    truth = last(*(t.numpy() for t in build_native()[0].double()(gray.double())))
+    compare("SuperPoint", truth, found, [folder / "none"])
+    report("SuperPoint 640x480", 52.1, race([mine, lambda: superpoint(gray), theirs], 5), labels)

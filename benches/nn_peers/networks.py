@@ -3,7 +3,7 @@ networks as ONNX for the other engines.
 
     python networks.py FOLDER
 
-XFeat and the point branch are written here a second time, from their descriptions, in PyTorch; the timing scripts compare
+XFeat, SuperPoint and the branches are written here a second time, from their descriptions, in PyTorch; the timing scripts compare
 the outputs of all engines before they time anything.
 """
 
@@ -114,6 +114,21 @@ class Attention(nn.Module):
         return x + self.ffn[1](F.relu(hidden))
 
 
+def named_mlps_and_attention(branch, prefix):
+    """Weights of `prune`, `head` and `attn` under the names of Landline's files."""
+    out = {}
+    for name in ["prune", "head"]:
+        layers = [layer for layer in getattr(branch, name) if isinstance(layer, nn.Linear)]
+        for index, layer in enumerate(layers):
+            out[f"{prefix}.{name}.{index}.w"], out[f"{prefix}.{name}.{index}.b"] = layer.weight, layer.bias
+    for index, layer in enumerate(branch.attn):
+        parts = {part: getattr(layer, part) for part in "qkvo"} | {f"ffn.{i}": layer.ffn[i] for i in (0, 1)}
+        for part, linear in parts.items():
+            name = f"{prefix}.attn.{index}.{part}"
+            out[f"{name}.w"], out[f"{name}.b"] = linear.weight, linear.bias
+    return out
+
+
 class PointBranch(nn.Module):
     """The paper's point branch with every keypoint kept: [n, 256] to logits [n, 1] and coordinates [n, 3]."""
 
@@ -131,17 +146,70 @@ class PointBranch(nn.Module):
         return logits, self.head(x)
 
     def named(self):
+        return named_mlps_and_attention(self, "point")
+
+
+class SuperPoint(nn.Module):
+    """The first release; from a grey picture [1, 1, H, W] to unit descriptors and keypoint probabilities."""
+
+    def __init__(self):
+        super().__init__()
+        sizes = [1, 64, 64, 64, 64, 128, 128, 128, 128]
+        self.encoder = nn.ModuleList(conv(i, o) for i, o in zip(sizes, sizes[1:]))
+        self.detector = nn.ModuleList([conv(128, 256), nn.Conv2d(256, 65, 1)])
+        self.descriptor = nn.ModuleList([conv(128, 256), nn.Conv2d(256, 256, 1)])
+
+    def forward(self, x):
+        for index, layer in enumerate(self.encoder):
+            x = F.relu(layer(x))
+            if index in (1, 3, 5):
+                x = F.max_pool2d(x, 2)
+        head = lambda layers: layers[1](F.relu(layers[0](x)))
+        heat = F.pixel_shuffle(head(self.detector).softmax(1)[:, :64], 8)
+        features = head(self.descriptor)
+        return features / features.square().sum(1, keepdim=True).sqrt().clamp_min(1e-12), heat
+
+    def named(self):
         out = {}
-        for name in ["prune", "head"]:
-            layers = [layer for layer in getattr(self, name) if isinstance(layer, nn.Linear)]
-            for index, layer in enumerate(layers):
-                out[f"point.{name}.{index}.w"], out[f"point.{name}.{index}.b"] = layer.weight, layer.bias
-        for index, layer in enumerate(self.attn):
-            parts = {part: getattr(layer, part) for part in "qkvo"} | {f"ffn.{i}": layer.ffn[i] for i in (0, 1)}
-            for part, linear in parts.items():
-                name = f"point.attn.{index}.{part}"
-                out[f"{name}.w"], out[f"{name}.b"] = linear.weight, linear.bias
+        for name in ["encoder", "detector", "descriptor"]:
+            for index, layer in enumerate(getattr(self, name)):
+                w = layer.weight
+                out[f"{name}.{index}.w"] = w[:, :, 0, 0] if w.shape[-1] == 1 else w
+                out[f"{name}.{index}.b"] = layer.bias
         return out
+
+
+class LineBranch(nn.Module):
+    """The paper's line branch with every segment kept, as published: [n * 12, 256] to logits [n, 1] and ends [n, 6]."""
+
+    def __init__(self):
+        super().__init__()
+        linear = lambda *sizes: chain([nn.Linear(a, b) for a, b in zip(sizes, sizes[1:])], relu_last=False)
+        self.q, self.k, self.v, self.o = (nn.Linear(256, 256) for _ in range(4))
+        self.ff1, self.ff2 = nn.Linear(256, 1024), nn.Linear(1024, 256)
+        self.ln1, self.ln2 = nn.LayerNorm(256, 1e-6), nn.LayerNorm(256, 1e-6)
+        self.attn = nn.ModuleList([Attention(256, 4, False)])
+        self.prune = linear(256, 256, 1)
+        self.head = linear(256, 512, 1024, 512, 6)
+
+    def forward(self, tokens):
+        x = tokens.reshape(-1, 12, 256)
+        split = lambda t: t.reshape(-1, 12, 4, 64).transpose(1, 2)
+        q, k, v = split(self.q(x)) / 8, split(self.k(x)), split(self.v(x))
+        message = ((q @ k.transpose(2, 3)).softmax(-1) @ v).transpose(1, 2).reshape(x.shape)
+        y = self.ln1(x + self.o(message))
+        y = self.ln2(y + self.ff2(F.gelu(self.ff1(y))))[:, 0]
+        y = self.attn[0](y)
+        return self.prune(y), self.head(y)
+
+    def named(self):
+        out = {}
+        for name, layer in [(part, getattr(self, part)) for part in ("q", "k", "v", "o", "ff1", "ff2")]:
+            out[f"line.enc.{name}.w"], out[f"line.enc.{name}.b"] = layer.weight, layer.bias
+        for name in ("ln1", "ln2"):
+            norm = getattr(self, name)
+            out[f"line.enc.{name}.g"], out[f"line.enc.{name}.b"] = norm.weight, norm.bias
+        return out | named_mlps_and_attention(self, "line")
 
 
 class Product(nn.Module):
@@ -185,17 +253,29 @@ def build():
     return xfeat, plain, folded, gray, descriptors
 
 
+def build_native():
+    """What only native.py times: SuperPoint, the line branch, and tokens of 300 segments."""
+    torch.manual_seed(8)
+    superpoint, line = SuperPoint().eval(), LineBranch().eval()
+    gain(superpoint)
+    gain(line)
+    return superpoint, line, F.normalize(torch.randn(300 * 12, 256), dim=-1)
+
+
 def main():
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
     xfeat, plain, folded, gray, descriptors = build()
+    superpoint, line, tokens = build_native()
     with torch.no_grad():
-        for name, network in [("xfeat", xfeat), ("point", plain)]:
+        for name, network in [("xfeat", xfeat), ("point", plain), ("superpoint", superpoint), ("line", line)]:
             tensors = {key: value.detach().contiguous() for key, value in network.named().items()}
             save_file(tensors, folder / f"{name}.safetensors")
         gray.numpy().tofile(folder / "gray.f32")
         descriptors.numpy().tofile(folder / "descriptors.f32")
         export(xfeat, (gray,), folder / "xfeat.onnx")
+        export(superpoint, (gray,), folder / "superpoint.onnx")
+        export(line, (tokens,), folder / "line_300.onnx")
         for n in (512, 1024):
             export(plain, (descriptors[:n],), folder / f"point_{n}.onnx")
             export(folded, (descriptors[:n],), folder / f"point_{n}_folded.onnx")

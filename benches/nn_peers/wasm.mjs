@@ -26,9 +26,9 @@ function put(bytes) {
   return at;
 }
 
-function network(weights, width, height) {
+function network(kind, weights, width, height) {
   const bytes = file(weights);
-  return ours.network_new(width, height, put(bytes), bytes.byteLength);
+  return ours.network_new(kind, width, height, put(bytes), bytes.byteLength);
 }
 
 async function session(name, shape, data) {
@@ -139,7 +139,7 @@ if (wanted("conv")) {
 if (wanted("xfeat")) {
   const gray = floats("gray.f32");
   const at = put(gray);
-  const mine = network("xfeat.safetensors", 640, 480);
+  const mine = network(0, "xfeat.safetensors", 640, 480);
   const theirs = await session("xfeat.onnx", [1, 1, 480, 640], gray);
   ours.run(mine, at);
   const out = await theirs.run();
@@ -154,7 +154,7 @@ for (const n of [512, 1024]) {
   if (!wanted(`point${n}`)) continue;
   const descriptors = floats("descriptors.f32").slice(0, n * 256);
   const at = put(descriptors);
-  const mine = network("point.safetensors", n, 0);
+  const mine = network(2, "point.safetensors", n, 0);
   const plain = await session(`point_${n}.onnx`, [n, 256], descriptors);
   const folded = await session(`point_${n}_folded.onnx`, [n, 256], descriptors);
   ours.run(mine, at);

@@ -11,7 +11,7 @@ mod memory;
 use std::cell::RefCell;
 
 use landline::{
-    models::{AttentionOutput, AttentionPointConfig, ExtractorKind, PointBranchConfig},
+    models::{ExtractorKind, Preset, RegressorConfig},
     nn::{Dense, Executor, GraphBuilder, Rows, WeightTensor, Weights, cpu::CpuExecutor},
 };
 use rten_gemm::{GemmExecutor, GemmInputA, GemmInputB};
@@ -74,12 +74,14 @@ fn network<T>(handle: usize, f: impl FnOnce(&mut CpuExecutor) -> T) -> T {
     })
 }
 
-/// A picture's extractor or, for height 0, a point branch for `width` keypoints; weights are a safetensors file.
+/// A network: 0 XFeat or 1 SuperPoint for a picture of this size, 2 the point or 3 the line branch of the paper for `width`
+/// elements, all of which are kept; weights are a safetensors file.
 ///
 /// # Safety
 /// `weights` points to `len` bytes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn network_new(
+    kind: usize,
     width: usize,
     height: usize,
     weights: *const u8,
@@ -87,26 +89,27 @@ pub unsafe extern "C" fn network_new(
 ) -> usize {
     // SAFETY: the caller's promise.
     let mut weights = weights_from(unsafe { std::slice::from_raw_parts(weights, len) });
-    let executor = if height > 0 {
-        let graph = ExtractorKind::Xfeat
-            .graph(width, height, true)
-            .expect("a valid size");
-        CpuExecutor::new(graph, weights)
-    } else {
-        let config = PointBranchConfig::Attention(AttentionPointConfig {
-            descriptor_channels: 256,
-            width: 256,
-            heads: 4,
-            num_layers: 5,
-            mlp_hidden: 512,
-            prune_hidden: 256,
-            head_hidden: vec![512, 1024, 1024, 512],
-            min_confidence: 0.0,
-            output: AttentionOutput::Linear,
-        });
-        let graph = config.graph(width).expect("a valid size");
-        let weights = config.prepare(&mut weights).expect("fitting weights");
-        CpuExecutor::new(graph, weights)
+    let executor = match kind {
+        0 | 1 => {
+            let kind = [ExtractorKind::Xfeat, ExtractorKind::SuperPointV1][kind];
+            let graph = kind.graph(width, height, true).expect("a valid size");
+            CpuExecutor::new(graph, weights)
+        }
+        _ => {
+            let RegressorConfig::Branches { point, line } =
+                memory::keeping_all(RegressorConfig::preset(Preset::Paper, 256))
+            else {
+                panic!("the preset has branches");
+            };
+            let (graph, weights) = match line {
+                Some(line) if kind == 3 => (line.graph(width), line.prepare(&mut weights)),
+                _ => (point.graph(width), point.prepare(&mut weights)),
+            };
+            CpuExecutor::new(
+                graph.expect("a valid size"),
+                weights.expect("fitting weights"),
+            )
+        }
     };
     add_engine(Engine::Network(Box::new(
         executor.expect("fitting weights"),

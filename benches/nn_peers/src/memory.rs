@@ -5,7 +5,9 @@ use std::cell::RefCell;
 use landline::{
     geometry::Camera,
     image::{FrameView, PixelFormat},
-    models::{ExtractorKind, PointBranchConfig, Preset, RegressorConfig, TensorSpec},
+    models::{
+        ExtractorKind, LineBranchConfig, PointBranchConfig, Preset, RegressorConfig, TensorSpec,
+    },
     nn::{WeightTensor, Weights},
     relocalizer::{Query, Relocalizer},
     scene_file::{ExtractorFile, Precision, SceneFile, SceneInfo},
@@ -32,19 +34,28 @@ fn weights_of(specs: Vec<TensorSpec>) -> Weights {
     weights
 }
 
+/// The paper's network with thresholds that drop nothing.
+pub(crate) fn keeping_all(mut config: RegressorConfig) -> RegressorConfig {
+    if let RegressorConfig::Branches { point, line } = &mut config {
+        if let PointBranchConfig::Attention(point) = point {
+            point.min_confidence = 0.0;
+        }
+        if let Some(LineBranchConfig::Attention(line)) = line {
+            line.min_confidence = 0.0;
+        }
+    }
+    config
+}
+
 /// Makes the paper's network for XFeat (every keypoint kept) and an extractor, with made-up weights, as the files that a page
 /// would load. Read them with [`example_file`].
 #[unsafe(no_mangle)]
 pub extern "C" fn make_example_files() {
     let kind = ExtractorKind::Xfeat;
-    let mut config = RegressorConfig::preset(Preset::Paper, kind.descriptor_channels());
-    if let RegressorConfig::Branches {
-        point: PointBranchConfig::Attention(point),
-        ..
-    } = &mut config
-    {
-        point.min_confidence = 0.0;
-    }
+    let config = keeping_all(RegressorConfig::preset(
+        Preset::Paper,
+        kind.descriptor_channels(),
+    ));
     let weights = weights_of(config.tensors());
     let scene = SceneFile {
         info: SceneInfo::new(kind, SHA256),

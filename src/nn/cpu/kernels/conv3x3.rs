@@ -120,7 +120,6 @@ fn conv_lanes<L: Lanes>(convolution: Convolution<'_>) {
                 depth: matrix.depth,
                 a_stride: step * column_len,
                 b: matrix.panels[first * matrix.depth..].as_ptr(),
-                b_stride: width,
                 bias: matrix.bias[first..].as_ptr(),
                 c: out[pixel * matrix.columns + first..].as_mut_ptr(),
                 c_stride: matrix.columns,

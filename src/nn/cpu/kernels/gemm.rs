@@ -7,8 +7,17 @@
 
 use super::lanes::{Lanes, Level, entry};
 
-/// Rows of the left-hand matrix that are used against all panels before the next ones: 64 rows of 256 are 64 KB.
+/// Most rows of the left-hand matrix that are used against all panels before the next ones.
 const BLOCK_ROWS: usize = 96;
+
+/// Numbers of these rows, 128 KB: with the panels they have to stay in the second cache.
+const BLOCK_NUMBERS: usize = 1 << 15;
+
+/// Rows of a block, a multiple of all tiles' rows.
+#[inline(always)]
+fn block_rows(depth: usize) -> usize {
+    (BLOCK_NUMBERS / depth.max(1) / 12 * 12).clamp(24, BLOCK_ROWS)
+}
 
 /// A right-hand matrix `[depth, columns]` with its bias, in the order of the tiles of one level.
 #[derive(Debug, Clone)]
@@ -78,10 +87,8 @@ pub(super) struct Tile {
     pub(super) depth: usize,
     /// Numbers from one left-hand row to the next.
     pub(super) a_stride: usize,
-    /// First number of the right-hand panel; steps of `b_stride`.
+    /// First number of the right-hand panel, which has a row of the tile's width for each step.
     pub(super) b: *const f32,
-    /// Numbers from one step to the next.
-    pub(super) b_stride: usize,
     /// Start values of the columns, a whole panel; null for zero.
     pub(super) bias: *const f32,
     /// Where the result goes.
@@ -98,6 +105,28 @@ pub(super) struct Tile {
     pub(super) relu: bool,
 }
 
+/// Adds the products of one step of the depth; `left` tells where the number of a row is.
+///
+/// # Safety
+/// `left` and `b` point to numbers, `b` to `NV` vectors.
+#[inline(always)]
+unsafe fn step<L: Lanes, const MR: usize, const NV: usize>(
+    acc: &mut [[L; NV]; MR],
+    left: impl Fn(usize) -> *const f32,
+    b: *const f32,
+) {
+    // SAFETY: the caller vouches for the pointers.
+    unsafe {
+        let right: [L; NV] = std::array::from_fn(|v| L::load(b.add(v * L::LANES)));
+        for (row, sums) in acc.iter_mut().enumerate() {
+            let left = L::splat(*left(row));
+            for (sum, right) in sums.iter_mut().zip(right) {
+                *sum = sum.mul_add(left, right);
+            }
+        }
+    }
+}
+
 /// Computes a tile of `MR` rows and `NV` vectors.
 ///
 /// # Safety
@@ -110,17 +139,34 @@ unsafe fn micro<L: Lanes, const MR: usize, const NV: usize>(tile: &Tile) {
         if !tile.bias.is_null() {
             acc = [std::array::from_fn(|v| L::load(tile.bias.add(v * L::LANES))); MR];
         }
+        let width = NV * L::LANES;
         let mut b = tile.b;
-        let rows: [*const f32; MR] = std::array::from_fn(|row| tile.a.add(row * tile.a_stride));
-        for k in 0..tile.depth {
-            let right: [L; NV] = std::array::from_fn(|v| L::load(b.add(v * L::LANES)));
-            for (sums, row) in acc.iter_mut().zip(rows) {
-                let left = L::splat(*row.add(k));
-                for (sum, right) in sums.iter_mut().zip(right) {
-                    *sum = sum.mul_add(left, right);
-                }
+        let mut done = 0;
+        if L::UNROLL {
+            // Many rows' addresses do not fit the registers: four steps share what is loaded for them.
+            let mut a = tile.a;
+            while done + 4 <= tile.depth {
+                step::<L, MR, NV>(&mut acc, |row| a.add(row * tile.a_stride), b);
+                step::<L, MR, NV>(&mut acc, |row| a.add(row * tile.a_stride + 1), b.add(width));
+                step::<L, MR, NV>(
+                    &mut acc,
+                    |row| a.add(row * tile.a_stride + 2),
+                    b.add(2 * width),
+                );
+                step::<L, MR, NV>(
+                    &mut acc,
+                    |row| a.add(row * tile.a_stride + 3),
+                    b.add(3 * width),
+                );
+                a = a.add(4);
+                b = b.add(4 * width);
+                done += 4;
             }
-            b = b.add(tile.b_stride);
+        }
+        let rows: [*const f32; MR] = std::array::from_fn(|row| tile.a.add(row * tile.a_stride));
+        for k in done..tile.depth {
+            step::<L, MR, NV>(&mut acc, |row| rows[row].add(k), b);
+            b = b.add(width);
         }
         for (row, sums) in acc.iter().enumerate() {
             let c = tile.c.add(row * tile.c_stride);
@@ -317,9 +363,10 @@ fn gemm_lanes<L: Lanes>(product: Product<'_>) {
             "size of a residual"
         );
     }
+    let block_rows = block_rows(matrix.depth);
     let mut block = 0;
     while block < x.rows {
-        let rows = (x.rows - block).min(BLOCK_ROWS);
+        let rows = (x.rows - block).min(block_rows);
         let mut first = 0;
         while first < matrix.columns {
             let width = panel_width(L::LANES, matrix.columns - first);
@@ -329,7 +376,6 @@ fn gemm_lanes<L: Lanes>(product: Product<'_>) {
                 depth: matrix.depth,
                 a_stride: x.stride,
                 b: matrix.panels[first * matrix.depth..].as_ptr(),
-                b_stride: width,
                 bias: matrix.bias[first..].as_ptr(),
                 c: out[block * out_stride + first..].as_mut_ptr(),
                 c_stride: out_stride,

@@ -166,6 +166,8 @@ pub(in crate::nn::cpu::kernels) trait Lanes: Copy {
     const TILE_ROWS: usize;
     /// Rows of a tile that is one vector wide.
     const NARROW_TILE_ROWS: usize;
+    /// Whether the inner loop of products takes four steps at a time.
+    const UNROLL: bool;
 
     fn splat(x: f32) -> Self;
     /// # Safety

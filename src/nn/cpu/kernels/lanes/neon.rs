@@ -35,6 +35,7 @@ macro_rules! lanes {
             const LANES: usize = 4;
             const TILE_ROWS: usize = 6;
             const NARROW_TILE_ROWS: usize = 12;
+            const UNROLL: bool = true;
 
             #[inline(always)]
             fn splat(x: f32) -> Self {

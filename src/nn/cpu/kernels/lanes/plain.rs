@@ -18,6 +18,7 @@ impl Lanes for Plain {
     const LANES: usize = 4;
     const TILE_ROWS: usize = 4;
     const NARROW_TILE_ROWS: usize = 8;
+    const UNROLL: bool = false;
 
     #[inline(always)]
     fn splat(x: f32) -> Self {

@@ -13,6 +13,8 @@ impl Lanes for Simd128 {
     // V8 on x86-64 has 15 vector registers to give: 8 accumulators, 2 of the matrix and the broadcasts fit.
     const TILE_ROWS: usize = 4;
     const NARROW_TILE_ROWS: usize = 8;
+    // Unrolled, V8 runs out of registers and falls to half speed.
+    const UNROLL: bool = false;
 
     #[inline(always)]
     fn splat(x: f32) -> Self {

@@ -28,6 +28,7 @@ impl Lanes for Sse2 {
     const LANES: usize = 4;
     const TILE_ROWS: usize = 4;
     const NARROW_TILE_ROWS: usize = 8;
+    const UNROLL: bool = false;
 
     #[inline(always)]
     fn splat(x: f32) -> Self {
@@ -100,6 +101,7 @@ impl Lanes for Avx2 {
     const LANES: usize = 8;
     const TILE_ROWS: usize = 6;
     const NARROW_TILE_ROWS: usize = 12;
+    const UNROLL: bool = true;
 
     #[inline(always)]
     fn splat(x: f32) -> Self {
@@ -172,6 +174,7 @@ impl Lanes for Avx512 {
     const LANES: usize = 16;
     const TILE_ROWS: usize = 12;
     const NARROW_TILE_ROWS: usize = 12;
+    const UNROLL: bool = true;
 
     #[inline(always)]
     fn splat(x: f32) -> Self {

@@ -113,6 +113,23 @@ def our_rows(problems, command):
     return rows, poses
 
 
+def table_row(name, result):
+    ours, pnpl = result["landline"], result["pnpl"]
+    total = ours["total"]
+    peers = [m for m in result if m not in ("landline", "wasm")]
+    # A rate over a handful of problems says nothing.
+    peers = [m for m in peers if 2 * result[m]["n"] >= total] or peers
+    best = max(peers, key=lambda m: (result[m]["success"], -result[m]["gross"], -result[m]["ms"]))
+    seen = lambda r: "" if r["n"] == total else f" (n {r['n']})"
+    three = (ours, pnpl, result[best])
+    cells = [name, str(total)]
+    cells += [f"{100 * r['success']:.1f}{seen(r)}" for r in three] + [f"{100 * r['gross']:.1f}" for r in three]
+    cells += [f"{r['ms']:.2f}" for r in three] + [f"{ours['ms'] / pnpl['ms']:.3f}", best]
+    if "wasm" in result:
+        cells += [f"{result['wasm']['ms']:.2f}", f"{result['wasm']['ms'] / ours['ms']:.2f}"]
+    return "| " + " | ".join(cells) + " |"
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("landline")
@@ -141,22 +158,12 @@ def main():
         if not problems:
             raise SystemExit(f"{path} holds no problem")
         rows, poses = our_rows(problems, [args.landline, "pose", path, *tau, "--repeat", str(args.repeat)])
-        ours = summary(rows, len(problems))
-        result = results[name] = dict(landline=ours)
+        result = results[name] = dict(landline=summary(rows, len(problems)))
         for method, solve in methods(*args.tau).items():
             if method.startswith("pnp,") or method == "pnp":
                 if not len(problems[0]["points"]):
                     continue
             result[method] = summary(poselib_rows(problems, solve, args.budget), len(problems))
-        pnpl = result["pnpl"]
-        best = max((m for m in result if m != "landline"),
-                   key=lambda m: (result[m]["success"], -result[m]["gross"], -result[m]["ms"]))
-        cells = [name, str(len(problems))]
-        for field, form in (("success", "{:.1f}"), ("gross", "{:.1f}")):
-            cells += [form.format(100 * r[field]) for r in (ours, pnpl, result[best])]
-        cells += [f"{r['ms']:.2f}" for r in (ours, pnpl, result[best])]
-        seen = result[best]["n"]
-        cells += [f"{ours['ms'] / pnpl['ms']:.3f}", best + (f" (n {seen})" if seen < len(problems) else "")]
         if args.wasm:
             command = ["node", os.path.join(here, "pose_node.mjs"), args.wasm, path, *tau, str(args.repeat)]
             rows, in_wasm = our_rows(problems, command)
@@ -164,8 +171,7 @@ def main():
                 differ = [i for i, (a, b) in enumerate(zip(poses, in_wasm)) if a != b]
                 raise SystemExit(f"{path}: wasm differs from native in problems {differ}")
             result["wasm"] = summary(rows, len(problems))
-            cells += [f"{result['wasm']['ms']:.2f}", f"{result['wasm']['ms'] / ours['ms']:.2f}"]
-        print("| " + " | ".join(cells) + " |", flush=True)
+        print(table_row(name, result), flush=True)
     if args.json:
         json.dump(results, open(args.json, "w"), indent=1)
 

@@ -23,6 +23,8 @@ pub struct Map {
     pub observations: Vec<Vec<(usize, usize)>>,
     /// Keypoints of each picture: x, y. Empty when unknown.
     pub keypoints: Vec<Vec<[f64; 2]>>,
+    /// For each point its mean reprojection error. Empty when unknown.
+    pub errors_px: Vec<f64>,
 }
 
 /// What a scene file holds in itself: the anchors of anchored branches. Other networks keep their map in their weights.
@@ -83,6 +85,11 @@ pub fn label_map(labels: &Labels) -> Map {
             .images
             .iter()
             .map(|i| i.pixels.iter().map(|p| [p.x, p.y]).collect())
+            .collect(),
+        errors_px: labels
+            .points
+            .iter()
+            .map(|p| f64::from(p.mean_error_px))
             .collect(),
     }
 }
@@ -329,7 +336,16 @@ pub fn write_colmap(map: &Map, folder: &Path) -> io::Result<()> {
     }
     let mut points = String::new();
     for (i, p) in map.points.iter().enumerate() {
-        let _ = write!(points, "{} {} {} {} 200 200 200 0", i + 1, p.x, p.y, p.z);
+        // COLMAP writes -1 for an error that was not computed.
+        let error = map.errors_px.get(i).copied().unwrap_or(-1.0);
+        let _ = write!(
+            points,
+            "{} {} {} {} 200 200 200 {error}",
+            i + 1,
+            p.x,
+            p.y,
+            p.z
+        );
         for (image, keypoint) in map.observations.get(i).into_iter().flatten() {
             let _ = write!(points, " {} {keypoint}", image + 1);
         }

@@ -11,6 +11,7 @@ pub mod feature_cache;
 pub mod files;
 pub mod import;
 pub mod labels;
+pub mod overlay;
 pub mod picture;
 pub mod progress;
 pub mod scene;

@@ -147,6 +147,28 @@ impl FrontEnd {
         Ok(&self.features)
     }
 
+    /// [`Self::run`] with segments from elsewhere, in pixels of the frame, in place of detected ones: all of them, in their
+    /// order. They must not be more than the options allow.
+    ///
+    /// # Errors
+    /// As [`Self::run`], and when there are too many segments.
+    pub fn run_with_segments(
+        &mut self,
+        frame: &FrameView<'_>,
+        segments: &[Segment2],
+    ) -> Result<&FeatureSet, LocateError> {
+        self.prepare(frame)?;
+        self.extractor.run_dense(&self.working.view())?;
+        self.segments.clear();
+        let working = self.working_from_sensor;
+        self.segments
+            .extend(segments.iter().map(|s| s.mapped(&working)));
+        self.extractor.select(&mut self.features.keypoints)?;
+        self.extractor
+            .describe(&self.segments, &mut self.features)?;
+        Ok(&self.features)
+    }
+
     pub(super) fn run_timed(
         &mut self,
         frame: &FrameView<'_>,

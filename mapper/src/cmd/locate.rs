@@ -1,10 +1,11 @@
 //! `landline locate`: the camera pose of pictures.
 
 use crate::dataset::camera::CameraRecord;
-use crate::draw;
+use crate::overlay;
 use crate::picture;
 use crate::scene::{ExtractorArgs, KernelArgs, read_scene, relocalizer};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
+use landline::geometry::Camera;
 use landline::image::{FrameView, PixelFormat};
 use landline::relocalizer::{CameraSource, Outcome, Query, Relocalizer, Report};
 use serde_json::json;
@@ -30,7 +31,8 @@ pub struct Args {
     /// Print JSON, one object a line.
     #[arg(long)]
     json: bool,
-    /// Folder for the pictures with what agrees (green), what does not (red) and the scene's lines as located (blue).
+    /// Folder for the pictures with the scene's lines where the pose puts them, coloured by confidence, with what was seen
+    /// and what does not agree, and a legend.
     #[arg(long, value_name = "DIR")]
     overlay: Option<PathBuf>,
 }
@@ -38,7 +40,8 @@ pub struct Args {
 /// Locates.
 ///
 /// # Errors
-/// When a file cannot be read. That a picture is not located is a result.
+/// When the scene or the extractor cannot be read, or, once all others are done, when a picture could not. That a picture
+/// is not located is a result.
 pub fn run(args: Args) -> Result<()> {
     let (scene, _) = read_scene(&args.scene)?;
     let extractor = args.extractor.read()?;
@@ -51,37 +54,58 @@ pub fn run(args: Args) -> Result<()> {
     let mut relocalizer = relocalizer(scene, extractor, |options| {
         options.kernels = args.kernels.level();
     })?;
+    let mut num_failed = 0;
     for path in &args.pictures {
-        let rgb = picture::read(path)?.into_rgb8();
-        let fits = |c: &landline::geometry::Camera| (c.width, c.height) == rgb.dimensions();
-        let query = Query {
-            camera: given.or(scene_camera.filter(fits)),
-            camera_source: CameraSource::Given,
-            ..Query::default()
-        };
-        let frame = FrameView {
-            bytes: rgb.as_raw(),
-            width: rgb.width(),
-            height: rgb.height(),
-            stride: 3 * rgb.width() as usize,
-            format: PixelFormat::Rgb8,
-        };
-        let start = Instant::now();
-        let report = relocalizer
-            .locate(&frame, &query, &mut || start.elapsed().as_secs_f64() * 1e3)
-            .with_context(|| format!("locating {}", path.display()))?;
-        if args.json {
-            println!("{}", to_json(path, &report));
-        } else {
-            print_report(path, &report);
+        // A picture that cannot be read does not keep the others from being located.
+        if let Err(error) = locate(&mut relocalizer, path, given, scene_camera, &args) {
+            eprintln!("error: {error:#}");
+            num_failed += 1;
         }
-        if let Some(folder) = &args.overlay {
-            let name = path.file_stem().unwrap_or_default().to_string_lossy();
-            let target = folder.join(format!("{name}.overlay.png"));
-            picture::write_png(&overlay(rgb, &relocalizer, &report), &target)?;
-            if !args.json {
-                println!("  overlay    {}", target.display());
-            }
+    }
+    ensure!(
+        num_failed == 0,
+        "{num_failed} of {} pictures could not be read",
+        args.pictures.len()
+    );
+    Ok(())
+}
+
+fn locate(
+    relocalizer: &mut Relocalizer,
+    path: &Path,
+    given: Option<Camera>,
+    scene_camera: Option<Camera>,
+    args: &Args,
+) -> Result<()> {
+    let rgb = picture::read(path)?.into_rgb8();
+    let fits = |c: &Camera| (c.width, c.height) == rgb.dimensions();
+    let query = Query {
+        camera: given.or(scene_camera.filter(fits)),
+        camera_source: CameraSource::Given,
+        ..Query::default()
+    };
+    let frame = FrameView {
+        bytes: rgb.as_raw(),
+        width: rgb.width(),
+        height: rgb.height(),
+        stride: 3 * rgb.width() as usize,
+        format: PixelFormat::Rgb8,
+    };
+    let start = Instant::now();
+    let report = relocalizer
+        .locate(&frame, &query, &mut || start.elapsed().as_secs_f64() * 1e3)
+        .with_context(|| format!("locating {}", path.display()))?;
+    if args.json {
+        println!("{}", to_json(path, &report));
+    } else {
+        print_report(path, &report);
+    }
+    if let Some(folder) = &args.overlay {
+        let name = path.file_stem().unwrap_or_default().to_string_lossy();
+        let target = folder.join(format!("{name}.overlay.png"));
+        picture::write_png(&overlay(&rgb, relocalizer, &report), &target)?;
+        if !args.json {
+            println!("  overlay    {}", target.display());
         }
     }
     Ok(())
@@ -164,32 +188,46 @@ fn to_json(path: &Path, report: &Report) -> serde_json::Value {
     })
 }
 
-fn overlay(
-    mut rgb: image::RgbImage,
-    relocalizer: &Relocalizer,
-    report: &Report,
-) -> image::RgbImage {
-    for (line, is_inlier) in relocalizer.lines() {
-        let color = if is_inlier { draw::GREEN } else { draw::RED };
-        draw::line(&mut rgb, line.start, line.end, 1.4, color);
-    }
-    for (point, is_inlier) in relocalizer.points() {
-        let color = if is_inlier { draw::GREEN } else { draw::RED };
-        draw::ring(&mut rgb, point.pixel, 2.5, color);
-    }
-    if let Some(located) = report.outcome.located() {
-        for (line, is_inlier) in relocalizer.lines() {
-            if is_inlier {
-                draw::world_segment(
-                    &mut rgb,
-                    &report.camera,
-                    &located.cam_from_world,
-                    [&line.start_in_world, &line.end_in_world],
-                    1.6,
-                    draw::CYAN,
-                );
-            }
+fn overlay(rgb: &image::RgbImage, relocalizer: &Relocalizer, report: &Report) -> image::RgbImage {
+    let c = &report.counts;
+    let points: Vec<_> = relocalizer.points().collect();
+    let lines: Vec<_> = relocalizer.lines().collect();
+    let located = report.outcome.located();
+    let (title, text) = match &report.outcome {
+        Outcome::Located(l) => {
+            let center = l.cam_from_world.center_in_world();
+            (
+                format!("located at {:.3} {:.3} {:.3}", center.x, center.y, center.z),
+                vec![
+                    format!(
+                        "{} of {} points, {} of {} lines agree",
+                        c.num_point_inliers,
+                        c.num_point_correspondences,
+                        c.num_line_inliers,
+                        c.num_line_correspondences
+                    ),
+                    format!(
+                        "median {:.2} px, sure to {:.4}, {:.2} deg",
+                        l.median_error_px,
+                        l.estimate.sigma_m,
+                        l.estimate.sigma_rad.to_degrees()
+                    ),
+                ],
+            )
         }
-    }
-    rgb
+        Outcome::NotLocated(reason) => {
+            ("not located".to_owned(), vec![reason.message().to_owned()])
+        }
+    };
+    overlay::located(
+        rgb,
+        &overlay::Located {
+            points: &points,
+            lines: &lines,
+            camera: report.camera,
+            cam_from_world: located.map(|l| l.cam_from_world),
+            title,
+            text,
+        },
+    )
 }

@@ -1,10 +1,10 @@
 //! Cameras as files write them: COLMAP's model names, ids and parameter order.
 //!
-//! The core projects with six models. The others become one of them where that is exact, or are fitted to the fisheye
-//! polynomial where distortion is radial; a fit that is off by more than [`MAX_FIT_ERROR_PX`] is refused.
+//! The core projects with six models. The others become one of them where that is exact; else the nearest of `OPENCV` and
+//! `OPENCV_FISHEYE` is fitted to them, and a fit that is off by more than [`MAX_FIT_ERROR_PX`] is refused.
 
 use landline::geometry::{COLMAP_MODELS, Camera, CameraError, CameraModel};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Vector2};
 use serde::{Deserialize, Serialize};
 
 /// Largest error of a fitted camera model inside the picture.
@@ -108,50 +108,83 @@ impl CameraRecord {
             }
             ("RADIAL_FISHEYE", &[f, cx, cy, k1, k2]) => fisheye(f, f, cx, cy, [k1, k2, 0.0, 0.0])?,
             ("THIN_PRISM_FISHEYE", &[fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, s1, s2]) => {
-                if [p1, p2, s1, s2] != [0.0; 4] {
-                    return Err(no("it has tangential or prism distortion".to_owned()));
+                if [p1, p2, s1, s2] == [0.0; 4] {
+                    return Ok(fisheye(fx, fy, cx, cy, [k1, k2, k3, k4])?);
                 }
-                fisheye(fx, fy, cx, cy, [k1, k2, k3, k4])?
+                self.fitted([fx, fy, cx, cy], |angle, towards| {
+                    let p = towards * angle;
+                    let r2 = angle * angle;
+                    let radial = r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)));
+                    p * (1.0 + radial) + tangential(p, p1, p2) + Vector2::new(s1, s2) * r2
+                })?
             }
-            ("RAD_TAN_THIN_PRISM_FISHEYE", &[fx, fy, cx, cy, k0, k1, k2, k3, ref rest @ ..])
-                if rest.len() == 8 =>
-            {
-                if rest.iter().any(|v| *v != 0.0) {
-                    return Err(no(
-                        "it has tangential or prism distortion or a sixth-order term".to_owned(),
-                    ));
+            (
+                "RAD_TAN_THIN_PRISM_FISHEYE",
+                &[
+                    fx,
+                    fy,
+                    cx,
+                    cy,
+                    k1,
+                    k2,
+                    k3,
+                    k4,
+                    k5,
+                    k6,
+                    p1,
+                    p2,
+                    s1,
+                    s2,
+                    s3,
+                    s4,
+                ],
+            ) => {
+                if [k5, k6, p1, p2, s1, s2, s3, s4] == [0.0; 8] {
+                    return Ok(fisheye(fx, fy, cx, cy, [k1, k2, k3, k4])?);
                 }
-                fisheye(fx, fy, cx, cy, [k0, k1, k2, k3])?
+                self.fitted([fx, fy, cx, cy], |angle, towards| {
+                    let r2 = angle * angle;
+                    let radial =
+                        r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * (k4 + r2 * (k5 + r2 * k6)))));
+                    let p = towards * (angle * (1.0 + radial));
+                    let q2 = p.norm_squared();
+                    // Its first tangential number belongs to x.
+                    p + tangential(p, p2, p1)
+                        + Vector2::new(q2 * (s1 + q2 * s2), q2 * (s3 + q2 * s4))
+                })?
             }
             ("FULL_OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6]) => {
                 if [k3, k4, k5, k6] == [0.0; 4] {
                     return Ok(known("OPENCV", &p[..8])?);
                 }
-                if [p1, p2] != [0.0; 2] {
-                    return Err(no(
-                        "it has tangential distortion beside the rational term".to_owned()
-                    ));
-                }
-                self.fitted([fx, fy, cx, cy], |angle| {
-                    let r = angle.tan();
-                    let r2 = r * r;
-                    r * (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3)))
-                        / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+                self.fitted([fx, fy, cx, cy], |angle, towards| {
+                    let p = towards * angle.tan();
+                    let r2 = p.norm_squared();
+                    let scale = (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3)))
+                        / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)));
+                    p * scale + tangential(p, p1, p2)
                 })?
             }
-            ("FOV", &[fx, fy, cx, cy, omega]) => self.fitted([fx, fy, cx, cy], |angle| {
-                (angle.tan() * 2.0 * (0.5 * omega).tan()).atan() / omega
-            })?,
-            ("SIMPLE_DIVISION", &[f, cx, cy, k]) => {
-                self.fitted([f, f, cx, cy], |angle| division(angle.tan(), k))?
+            ("FOV", &[fx, fy, cx, cy, omega]) => {
+                self.fitted([fx, fy, cx, cy], |angle, towards| {
+                    towards * ((angle.tan() * 2.0 * (0.5 * omega).tan()).atan() / omega)
+                })?
             }
-            ("DIVISION", &[fx, fy, cx, cy, k]) => {
-                self.fitted([fx, fy, cx, cy], |angle| division(angle.tan(), k))?
+            ("SIMPLE_DIVISION", &[f, cx, cy, k]) => self
+                .fitted([f, f, cx, cy], |angle, towards| {
+                    towards * division(angle.tan(), k)
+                })?,
+            ("DIVISION", &[fx, fy, cx, cy, k]) => self
+                .fitted([fx, fy, cx, cy], |angle, towards| {
+                    towards * division(angle.tan(), k)
+                })?,
+            ("EUCM", &[fx, fy, cx, cy, alpha, beta]) => {
+                self.fitted([fx, fy, cx, cy], |angle, towards| {
+                    let (sin, cos) = angle.sin_cos();
+                    let depth = alpha * (beta * sin * sin + cos * cos).sqrt() + (1.0 - alpha) * cos;
+                    towards * (sin / depth)
+                })?
             }
-            ("EUCM", &[fx, fy, cx, cy, alpha, beta]) => self.fitted([fx, fy, cx, cy], |angle| {
-                let (sin, cos) = angle.sin_cos();
-                sin / (alpha * (beta * sin * sin + cos * cos).sqrt() + (1.0 - alpha) * cos)
-            })?,
             ("EQUIRECTANGULAR", _) => {
                 return Err(no("a panorama has no focal length".to_owned()));
             }
@@ -170,56 +203,142 @@ impl CameraRecord {
         })
     }
 
-    /// Fits the fisheye polynomial to a radial model, given as image radius by angle from the axis, over the angles
-    /// that the picture shows.
+    /// Fits the core's models to another one, given as the place on the image plane of focal length 1 by angle from the
+    /// axis and direction around it, over what the picture shows.
     fn fitted(
         &self,
         [fx, fy, cx, cy]: [f64; 4],
-        radius: impl Fn(f64) -> f64,
+        place: impl Fn(f64, Vector2<f64>) -> Vector2<f64>,
     ) -> Result<CameraModel, CameraRecordError> {
-        let no = |what: String| CameraRecordError::NotExpressible {
+        let no = |what: &str| CameraRecordError::NotExpressible {
             model: self.model.clone(),
-            what,
+            what: what.to_owned(),
         };
         let (w, h) = (f64::from(self.width), f64::from(self.height));
-        let corner = (cx.max(w - cx) / fx).hypot(cy.max(h - cy) / fy);
-        // The angle of the farthest corner, by bisection on the rising part of the model.
-        let (mut low, mut high) = (0.0, 1.5);
-        for _ in 0..60 {
-            let middle = 0.5 * (low + high);
-            let r = radius(middle);
-            if r.is_finite() && r > 0.0 && r < corner {
-                low = middle;
-            } else {
-                high = middle;
+        let is_inside = |p: Vector2<f64>| {
+            let (x, y) = (fx * p.x + cx, fy * p.y + cy);
+            (-1.0..=w + 1.0).contains(&x) && (-1.0..=h + 1.0).contains(&y)
+        };
+        let mut samples: Vec<Sample> = Vec::new();
+        for i in 0..NUM_DIRECTIONS {
+            let (sin, cos) = (std::f64::consts::TAU * i as f64 / NUM_DIRECTIONS as f64).sin_cos();
+            let towards = Vector2::new(cos, sin);
+            let mut radius = 0.0;
+            let mut has_left = false;
+            for step in 1..=NUM_ANGLES {
+                let angle = MAX_ANGLE_RAD * step as f64 / NUM_ANGLES as f64;
+                let seen = place(angle, towards);
+                // Beyond a fold the same pixel belongs to two directions.
+                if !(seen.norm() > radius) {
+                    break;
+                }
+                radius = seen.norm();
+                if !is_inside(seen) {
+                    has_left = true;
+                    break;
+                }
+                samples.push(Sample {
+                    angle,
+                    towards,
+                    seen,
+                });
+            }
+            if !has_left {
+                return Err(no(
+                    "it folds over inside the picture, or shows more than 89 degrees from its axis",
+                ));
             }
         }
-        let widest = high;
-        if !(radius(low) > 0.98 * corner) {
-            return Err(no("it folds over inside the picture".to_owned()));
+        // Both polynomials start with slope 1; another slope goes into the focal length.
+        const NEAR: f64 = 1e-4;
+        let slope = place(NEAR, Vector2::x()).x / NEAR;
+        if !(slope > 0.0) || samples.len() < 8 {
+            return Err(no("it does not grow from the centre"));
         }
-        // The polynomial starts with slope 1; another slope goes into the focal length.
-        let slope = radius(1e-4) / 1e-4;
-        if !(slope > 0.0) {
-            return Err(no("it does not grow from the centre".to_owned()));
+        for sample in &mut samples {
+            sample.seen /= slope;
         }
         let (fx, fy) = (fx * slope, fy * slope);
-        const SAMPLES: usize = 100;
-        let angle = |i: usize| widest * (i + 1) as f64 / SAMPLES as f64;
-        let left = DMatrix::from_fn(SAMPLES, 4, |i, j| angle(i).powi(2 * j as i32 + 3));
-        let right = DVector::from_fn(SAMPLES, |i, _| radius(angle(i)) / slope - angle(i));
-        let k = left
-            .clone()
-            .svd(true, true)
-            .solve(&right, 1e-14)
-            .map_err(|e| no(e.to_owned()))?;
-        let error = (left * &k - right).abs().max() * fx.max(fy);
-        if !(error <= MAX_FIT_ERROR_PX) {
-            return Err(no(format!("the best fit is off by {error:.2} px")));
+        let fisheye = fit(&samples, |s| {
+            let p = s.towards * s.angle;
+            let r2 = s.angle * s.angle;
+            (p, [p * r2, p * (r2 * r2), p * r2.powi(3), p * r2.powi(4)])
+        })
+        .map(|([k1, k2, k3, k4], error)| {
+            (error, "OPENCV_FISHEYE", [fx, fy, cx, cy, k1, k2, k3, k4])
+        });
+        let is_narrow = samples.iter().all(|s| s.angle < 1.3);
+        let perspective = fit(&samples, |s| {
+            let p = s.towards * s.angle.tan();
+            let r2 = p.norm_squared();
+            let tangents = [tangential(p, 1.0, 0.0), tangential(p, 0.0, 1.0)];
+            (p, [p * r2, p * (r2 * r2), tangents[0], tangents[1]])
+        })
+        .filter(|_| is_narrow)
+        .map(|([k1, k2, p1, p2], error)| (error, "OPENCV", [fx, fy, cx, cy, k1, k2, p1, p2]));
+        let best = fisheye
+            .into_iter()
+            .chain(perspective)
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((error, name, params)) = best else {
+            return Err(no("no polynomial fits it"));
+        };
+        let error_px = error * fx.max(fy);
+        if !(error_px <= MAX_FIT_ERROR_PX) {
+            return Err(no(&format!("the best fit is off by {error_px:.2} px")));
         }
-        let params = [fx, fy, cx, cy, k[0], k[1], k[2], k[3]];
-        Ok(CameraModel::from_colmap("OPENCV_FISHEYE", &params)?)
+        Ok(CameraModel::from_colmap(name, &params)?)
     }
+}
+
+/// Rays along which another model is compared, and angles on each.
+const NUM_DIRECTIONS: usize = 24;
+const NUM_ANGLES: usize = 200;
+/// No picture shows more than this from the axis.
+const MAX_ANGLE_RAD: f64 = 1.55;
+
+/// Where a model puts a direction.
+struct Sample {
+    angle: f64,
+    towards: Vector2<f64>,
+    seen: Vector2<f64>,
+}
+
+/// Least squares of a model that is linear in four coefficients: returns them and the largest error. `model` gives the
+/// place without distortion, and what each coefficient adds.
+fn fit(
+    samples: &[Sample],
+    model: impl Fn(&Sample) -> (Vector2<f64>, [Vector2<f64>; 4]),
+) -> Option<([f64; 4], f64)> {
+    let mut left = DMatrix::zeros(2 * samples.len(), 4);
+    let mut right = DVector::zeros(2 * samples.len());
+    for (i, sample) in samples.iter().enumerate() {
+        let (start, terms) = model(sample);
+        let rest = sample.seen - start;
+        for axis in 0..2 {
+            right[2 * i + axis] = rest[axis];
+            for (j, term) in terms.iter().enumerate() {
+                left[(2 * i + axis, j)] = term[axis];
+            }
+        }
+    }
+    let k = left.clone().svd(true, true).solve(&right, 1e-14).ok()?;
+    let off = left * &k - right;
+    let largest = off
+        .as_slice()
+        .chunks_exact(2)
+        .map(|e| e[0].hypot(e[1]))
+        .fold(0.0, f64::max);
+    (largest.is_finite()).then_some(([k[0], k[1], k[2], k[3]], largest))
+}
+
+/// OpenCV's tangential distortion.
+fn tangential(p: Vector2<f64>, p1: f64, p2: f64) -> Vector2<f64> {
+    let r2 = p.norm_squared();
+    Vector2::new(
+        2.0 * p1 * p.x * p.y + p2 * (r2 + 2.0 * p.x * p.x),
+        p1 * (r2 + 2.0 * p.y * p.y) + 2.0 * p2 * p.x * p.y,
+    )
 }
 
 /// Distorted radius of the division model, whose undistorted radius is r / (1 + k r^2).

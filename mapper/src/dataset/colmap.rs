@@ -4,7 +4,7 @@
 //! Pixels are corner-based and poses camera from world, as ours.
 
 use super::camera::{CameraRecord, colmap_model};
-use super::open::Pictures;
+use super::pictures::Pictures;
 use super::pose_check::rigid_from_quaternion;
 use super::text::TextFile;
 use super::{Dataset, DatasetError, DatasetImage, ModelPoint, Split};

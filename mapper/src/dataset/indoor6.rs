@@ -2,7 +2,7 @@
 //! (`W H f cx cy ...`), and `train_test_val.pkl`.
 
 use super::camera::CameraRecord;
-use super::open::{Pictures, list_files};
+use super::pictures::{Pictures, list_files};
 use super::pose_check::rigid_from_matrix;
 use super::pose_list::block_and_translation;
 use super::text::TextFile;

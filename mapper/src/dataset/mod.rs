@@ -5,9 +5,11 @@
 
 pub mod camera;
 mod colmap;
+mod finish;
 mod indoor6;
 mod limap;
 mod open;
+mod pictures;
 mod pose_check;
 mod pose_list;
 mod seven_scenes;

@@ -2,7 +2,8 @@
 //! results and ACE0 write them), `name` + 16 numbers (4x4 row-major), and hloc query lists `name MODEL w h params...`.
 
 use super::camera::{CameraRecord, CameraRecordError};
-use super::open::{Pictures, PoseDirection};
+use super::open::PoseDirection;
+use super::pictures::Pictures;
 use super::pose_check::{rigid_from_matrix, rigid_from_quaternion};
 use super::text::TextFile;
 use super::{Dataset, DatasetError, DatasetImage, Split};

@@ -5,7 +5,7 @@
 //! by comparing shipped poses with published registered ones (deviation at most 0.2 mm).
 
 use super::camera::CameraRecord;
-use super::open::{Pictures, list_files};
+use super::pictures::{Pictures, list_files};
 use super::pose_check::rigid_from_matrix;
 use super::pose_list::{CameraSource, block_and_translation};
 use super::text::TextFile;

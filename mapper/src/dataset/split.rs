@@ -1,6 +1,9 @@
 //! Which pictures teach and which ones test.
 
+use super::text::TextFile;
 use super::{Dataset, DatasetError};
+use std::collections::HashSet;
+use std::path::Path;
 use std::str::FromStr;
 
 /// What a picture is for.
@@ -89,6 +92,59 @@ pub(super) fn apply(
                 dataset.images.len().saturating_sub(1)
             )));
         }
+    }
+    Ok(())
+}
+
+/// Lists of test pictures that lie beside a structure-from-motion model by custom (hloc, PL2Map).
+const LISTS: [&str; 3] = [
+    "list_test.txt",
+    "query_list_with_intrinsics.txt",
+    "queries_with_intrinsics.txt",
+];
+
+/// Applies the first of the customary lists that is in one of the folders.
+pub(super) fn apply_lists_beside(
+    folders: &[&Path],
+    dataset: &mut Dataset,
+) -> Result<(), DatasetError> {
+    let found = folders
+        .iter()
+        .flat_map(|folder| LISTS.iter().map(|list| folder.join(list)))
+        .find(|path| path.is_file());
+    match found {
+        Some(path) => {
+            apply_list(&path, dataset)?;
+            dataset
+                .notes
+                .push(format!("test pictures from {}", path.display()));
+            Ok(())
+        }
+        None => Ok(()),
+    }
+}
+
+/// Pictures that a list names test, all others teach. A line is a name, or a query (`name MODEL width height ...`); names
+/// may lack their folders.
+pub(super) fn apply_list(path: &Path, dataset: &mut Dataset) -> Result<(), DatasetError> {
+    let file = TextFile::read(path)?;
+    let names: HashSet<&str> = file
+        .lines()
+        .flat_map(|line| [Some(line.text), line.text.split_whitespace().next()])
+        .flatten()
+        .collect();
+    let mut num_tests = 0;
+    for image in &mut dataset.images {
+        let basename = image.name.rsplit('/').next().unwrap_or(&image.name);
+        let is_listed = names.contains(image.name.as_str()) || names.contains(basename);
+        num_tests += usize::from(is_listed);
+        image.split = if is_listed { Split::Test } else { Split::Train };
+    }
+    if num_tests == 0 {
+        return Err(DatasetError::missing(
+            path,
+            "none of the pictures that it names is in the data set",
+        ));
     }
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! The import table: what was found, what was dropped and why.
 
 use super::{Dataset, Split};
+use landline::math::stats::median_in_place;
 use std::fmt;
 
 /// How many names of one reason are shown.
@@ -93,7 +94,13 @@ impl fmt::Display for ImportTable<'_> {
             row(
                 f,
                 "model points",
-                format!("{} ({n} observations)", d.points.len()),
+                match median_reprojection_px(d) {
+                    Some(px) => format!(
+                        "{} ({n} observations, median reprojection {px:.2} px)",
+                        d.points.len()
+                    ),
+                    None => format!("{} ({n} observations)", d.points.len()),
+                },
             )?;
         }
         if !d.lines.is_empty() {
@@ -124,4 +131,25 @@ impl fmt::Display for ImportTable<'_> {
         }
         Ok(())
     }
+}
+
+/// Median distance of a model's points from where they were seen, which holds cameras and poses to account; of up to 20,000
+/// observations.
+fn median_reprojection_px(d: &Dataset) -> Option<f64> {
+    const MAX_POINTS: usize = 20_000;
+    let step = d.points.len().div_ceil(MAX_POINTS).max(1);
+    let mut errors: Vec<f64> = d
+        .points
+        .iter()
+        .step_by(step)
+        .filter_map(|point| {
+            let (image, pixel) = point.observations.first()?;
+            let image = d.images.get(*image)?;
+            let in_cam = image.cam_from_world?.transform_point(&point.point_in_world);
+            // A point behind its camera could not be farther off.
+            let projected = image.camera.pixel_from_cam(&in_cam);
+            Some(projected.map_or(f64::INFINITY, |p| p.distance(*pixel)))
+        })
+        .collect();
+    median_in_place(&mut errors)
 }

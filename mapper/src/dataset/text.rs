@@ -3,6 +3,9 @@
 use super::DatasetError;
 use std::path::{Path, PathBuf};
 
+/// How a pointer of Git LFS begins.
+pub(super) const LFS_START: &[u8; 23] = b"version https://git-lfs";
+
 /// A text file in memory.
 pub(super) struct TextFile {
     pub(super) path: PathBuf,
@@ -13,7 +16,7 @@ impl TextFile {
     pub(super) fn read(path: &Path) -> Result<Self, DatasetError> {
         let bytes = std::fs::read(path).map_err(DatasetError::io(path))?;
         // A pointer of Git LFS stands where the file itself was not fetched.
-        if bytes.starts_with(b"version https://git-lfs") {
+        if bytes.starts_with(LFS_START) {
             return Err(DatasetError::missing(
                 path,
                 "this is a Git LFS pointer, not the file itself; run `git lfs pull`",

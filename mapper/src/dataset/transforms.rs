@@ -4,7 +4,7 @@
 //! source. Nerfstudio's pixels are corner-based, as ours.
 
 use super::camera::CameraRecord;
-use super::open::Pictures;
+use super::pictures::Pictures;
 use super::pose_check::rigid_from_matrix;
 use super::{Dataset, DatasetError, DatasetImage, Split};
 use landline::geometry::WorldFromCam;
@@ -156,13 +156,17 @@ fn camera(root: &Value, frame: &Value, size: (u32, u32)) -> Result<CameraRecord,
         ),
         "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "RADIAL" | "SIMPLE_RADIAL" => {
             let distortion = [k("k1"), k("k2"), k("p1"), k("p2")];
-            if k("k3") != 0.0 || k("k4") != 0.0 {
+            // The fourth radial number is a polynomial's, not that of FULL_OPENCV's denominator.
+            if k("k4") != 0.0 {
+                return Err(format!("camera model {name} with a `k4` is not supported"));
+            }
+            if k("k3") != 0.0 {
                 (
                     "FULL_OPENCV",
                     [
                         &[fx, fy, cx, cy],
                         &distortion[..],
-                        &[k("k3"), k("k4"), 0.0, 0.0],
+                        &[k("k3"), 0.0, 0.0, 0.0],
                     ]
                     .concat(),
                 )

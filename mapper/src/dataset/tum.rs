@@ -1,7 +1,7 @@
 //! TUM RGB-D folders: `rgb.txt` (`timestamp path`) and `groundtruth.txt` (`t tx ty tz qx qy qz qw`, world from camera),
 //! joined by the nearest time.
 
-use super::open::Pictures;
+use super::pictures::Pictures;
 use super::pose_check::rigid_from_quaternion;
 use super::pose_list::CameraSource;
 use super::text::TextFile;

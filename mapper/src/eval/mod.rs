@@ -1,14 +1,19 @@
 //! Accuracy on pictures with known poses: errors, recall, medians, and the nearest-landmark baseline beside them.
 
 mod baseline;
+mod compare;
+mod html;
+mod lines;
+mod plots;
 mod report;
 mod run;
 
 pub use baseline::{Landmarks, baseline_size};
-pub use report::{per_image_csv, table, to_json, write_report};
+pub use compare::Comparison;
+pub use lines::{LineAccuracy, LineTruth, MAX_LINE_ANGLE_DEG, MAX_LINE_DISTANCE};
+pub use report::{Subject, per_image_csv, table, to_json, write_report};
 pub use run::{
-    EvalError, EvalOptions, Evaluation, Evaluator, ImageResult, MethodResult, line_share,
-    solver_options,
+    EvalError, EvalOptions, Evaluation, Evaluator, ImageResult, MethodResult, solver_options,
 };
 
 use landline::geometry::CamFromWorld;
@@ -90,6 +95,14 @@ impl Summary {
             median_point_inliers: median(&mut inliers.iter().map(|i| i.0 as f64).collect()),
             median_line_inliers: median(&mut inliers.iter().map(|i| i.1 as f64).collect()),
         }
+    }
+
+    /// The recall at one of [`THRESHOLDS`], given by its distance.
+    pub fn recall_at(&self, position: f64) -> Option<f64> {
+        let i = THRESHOLDS
+            .iter()
+            .position(|(m, _)| (m - position).abs() < 1e-9)?;
+        self.recalls.get(i).copied()
     }
 }
 

@@ -1,12 +1,23 @@
 //! The evaluation for people (table), for programs (JSON, CSV) and for a look (pictures of failures).
 
-use super::THRESHOLDS;
 use super::run::{Evaluation, STAGES};
+use super::{THRESHOLDS, html};
 use crate::files;
 use serde_json::json;
 use std::fmt::Write as _;
 use std::io;
 use std::path::Path;
+
+/// What was evaluated.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Subject {
+    /// The scene file.
+    pub scene: String,
+    /// Its size.
+    pub num_bytes: usize,
+    /// The data set: its format and where it was read from.
+    pub data: String,
+}
 
 /// The table that `landline eval` prints.
 pub fn table(evaluation: &Evaluation) -> String {
@@ -18,10 +29,7 @@ pub fn table(evaluation: &Evaluation) -> String {
     );
     for (name, s) in &evaluation.methods {
         let recall = |cm: f64| {
-            THRESHOLDS
-                .iter()
-                .position(|(m, _)| (m * 100.0 - cm).abs() < 1e-6)
-                .and_then(|i| s.recalls.get(i))
+            s.recall_at(0.01 * cm)
                 .map_or_else(|| "-".to_owned(), |r| format!("{:.1}", 100.0 * r))
         };
         let count = |v: f64| {
@@ -49,11 +57,20 @@ pub fn table(evaluation: &Evaluation) -> String {
         let _ = write!(out, " {stage} {ms:.1}");
     }
     out.push('\n');
+    if evaluation.num_seeds > 1 {
+        let _ = writeln!(out, "{} solver seeds pooled", evaluation.num_seeds);
+    }
+    if let Some(comparison) = &evaluation.comparison {
+        let _ = writeln!(out, "{comparison}");
+    }
+    if let Some(lines) = &evaluation.lines {
+        let _ = writeln!(out, "{lines}");
+    }
     out
 }
 
 /// Everything as JSON.
-pub fn to_json(evaluation: &Evaluation, scene: &str, num_bytes: usize) -> serde_json::Value {
+pub fn to_json(evaluation: &Evaluation, subject: &Subject) -> serde_json::Value {
     let thresholds: Vec<_> = THRESHOLDS
         .iter()
         .map(|(m, deg)| json!({ "position": m, "rotation_deg": deg }))
@@ -81,23 +98,29 @@ pub fn to_json(evaluation: &Evaluation, scene: &str, num_bytes: usize) -> serde_
         .map(|(stage, ms)| ((*stage).to_owned(), json!(ms)))
         .collect();
     json!({
-        "scene": scene,
-        "scene_bytes": num_bytes,
+        "scene": subject.scene,
+        "scene_bytes": subject.num_bytes,
+        "data": subject.data,
+        "seeds": evaluation.num_seeds,
         "thresholds": thresholds,
         "methods": methods,
         "median_ms": stages,
+        "points_and_lines_against_points": evaluation.comparison,
+        "lines": evaluation.lines,
         "images": evaluation.images.iter().map(|image| json!({
             "name": image.name,
             "methods": image.methods,
+            "other_seeds": image.other_seeds,
+            "lines": image.lines,
             "total_ms": image.total_ms,
         })).collect::<Vec<_>>(),
     })
 }
 
-/// One line a picture and method.
+/// One line a picture, solver seed and method.
 pub fn per_image_csv(evaluation: &Evaluation) -> String {
     let mut out =
-        "image,method,located,position,rotation_deg,point_inliers,line_inliers,total_ms,reason\n"
+        "image,seed,method,located,position,rotation_deg,point_inliers,line_inliers,total_ms,reason\n"
             .to_owned();
     let quoted = |text: &str| {
         if text.contains([',', '"', '\n']) {
@@ -107,39 +130,44 @@ pub fn per_image_csv(evaluation: &Evaluation) -> String {
         }
     };
     for image in &evaluation.images {
-        for ((name, _), m) in evaluation.methods.iter().zip(&image.methods) {
-            let number = |v: Option<f64>| v.map_or_else(String::new, |v| format!("{v:.6}"));
-            let _ = writeln!(
-                out,
-                "{},{},{},{},{},{},{},{:.2},{}",
-                quoted(&image.name),
-                quoted(name),
-                u8::from(m.error.is_some()),
-                number(m.error.map(|e| e.position)),
-                number(m.error.map(|e| e.rotation_deg)),
-                m.inliers.0,
-                m.inliers.1,
-                image.total_ms,
-                quoted(m.reason.as_deref().unwrap_or("")),
-            );
+        for (seed, methods) in image.all_seeds().enumerate() {
+            for ((name, _), m) in evaluation.methods.iter().zip(methods) {
+                let number = |v: Option<f64>| v.map_or_else(String::new, |v| format!("{v:.6}"));
+                let _ = writeln!(
+                    out,
+                    "{},{seed},{},{},{},{},{},{},{:.2},{}",
+                    quoted(&image.name),
+                    quoted(name),
+                    u8::from(m.error.is_some()),
+                    number(m.error.map(|e| e.position)),
+                    number(m.error.map(|e| e.rotation_deg)),
+                    m.inliers.0,
+                    m.inliers.1,
+                    image.total_ms,
+                    quoted(m.reason.as_deref().unwrap_or("")),
+                );
+            }
         }
     }
     out
 }
 
-/// Writes `report.json`, `report.txt` and `per_image.csv`.
+/// Writes `report.html` with its plots inside, `report.json`, `report.txt` and `per_image.csv`. `failures` are pictures in
+/// the folder, relative to it, with what they show.
 ///
 /// # Errors
 /// When the disk refuses.
 pub fn write_report(
     evaluation: &Evaluation,
-    scene: &str,
-    num_bytes: usize,
+    subject: &Subject,
+    failures: &[(String, String)],
     folder: &Path,
 ) -> io::Result<()> {
-    let json = serde_json::to_string_pretty(&to_json(evaluation, scene, num_bytes))?;
+    let json = serde_json::to_string_pretty(&to_json(evaluation, subject))?;
+    let page = html::page(evaluation, subject, failures)?;
     files::write_bytes(&folder.join("report.json"), json.as_bytes())?;
     files::write_bytes(&folder.join("report.txt"), table(evaluation).as_bytes())?;
+    files::write_bytes(&folder.join("report.html"), page.as_bytes())?;
     files::write_bytes(
         &folder.join("per_image.csv"),
         per_image_csv(evaluation).as_bytes(),

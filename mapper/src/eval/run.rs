@@ -1,12 +1,14 @@
 //! Runs a scene on pictures with known poses. The main result comes from the relocalizer as it ships; the others are the
-//! same correspondences of points alone and of lines alone, and the baseline, all solved by the same solver.
+//! same correspondences of points alone and of lines alone, and the baseline, all solved by the same solver. Further seeds
+//! solve the same correspondences again.
 
 use super::baseline::Landmarks;
-use super::{PoseError, Summary};
+use super::lines::{LineAccuracy, LineTruth};
+use super::{Comparison, PoseError, Summary};
 use crate::dataset::DatasetImage;
 use crate::extract::{ExtractError, Extraction};
+use crate::feature_cache::ImageFeatures;
 use crate::picture::{self, PictureError};
-use landline::features::FeatureSet;
 use landline::geometry::CamFromWorld;
 use landline::image::{FrameView, PixelFormat};
 use landline::math::stats::median_in_place;
@@ -15,7 +17,6 @@ use landline::pose::{
     PoseScratch,
 };
 use landline::relocalizer::{LocateError, Outcome, Query, Relocalizer, RelocalizerOptions};
-use nalgebra::Vector3;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -68,18 +69,49 @@ pub struct ImageResult {
     pub name: String,
     /// In the order of [`Evaluation::methods`].
     pub methods: Vec<MethodResult>,
+    /// The same with the solver's further seeds.
+    pub other_seeds: Vec<Vec<MethodResult>>,
+    /// From the data set.
+    pub truth: CamFromWorld,
     /// The pose that the scene gave.
     pub cam_from_world: Option<CamFromWorld>,
+    /// Predicted segments against triangulated ones.
+    pub lines: Option<LineAccuracy>,
     /// Of the relocalizer, without reading the picture.
     pub total_ms: f64,
     /// Grey and resize, features, lines, networks, solver.
     pub stages_ms: [f64; 5],
 }
 
+impl ImageResult {
+    /// Results of all seeds, the relocalizer's own first.
+    pub fn all_seeds(&self) -> impl Iterator<Item = &[MethodResult]> {
+        std::iter::once(self.methods.as_slice()).chain(self.other_seeds.iter().map(Vec::as_slice))
+    }
+}
+
 /// Options of an evaluation.
+#[derive(Clone, Copy)]
 pub struct EvalOptions<'a> {
-    /// Landmarks of the baseline, with the features to use; none leaves the baseline out.
-    pub baseline: Option<(&'a Landmarks, &'a Extraction)>,
+    /// Features of the test pictures; baseline and lines need them.
+    pub extraction: Option<&'a Extraction>,
+    /// Landmarks of the baseline; none leaves it out.
+    pub baseline: Option<&'a Landmarks>,
+    /// Triangulated lines to compare the predicted ones with; none leaves the comparison out.
+    pub lines: Option<&'a LineTruth>,
+    /// How often each picture is solved, with seeds of its own.
+    pub num_seeds: u64,
+}
+
+impl Default for EvalOptions<'_> {
+    fn default() -> Self {
+        Self {
+            extraction: None,
+            baseline: None,
+            lines: None,
+            num_seeds: 1,
+        }
+    }
 }
 
 /// Figures over all pictures.
@@ -91,7 +123,16 @@ pub struct Evaluation {
     pub images: Vec<ImageResult>,
     /// Medians: grey and resize, features, lines, networks, solver, all.
     pub median_ms: [f64; 6],
+    /// Solver seeds that are pooled in the figures.
+    pub num_seeds: u64,
+    /// Points and lines against points only; none without lines.
+    pub comparison: Option<Comparison>,
+    /// Predicted segments against triangulated ones, over all pictures.
+    pub lines: Option<LineAccuracy>,
 }
+
+/// Names of the scene's own variants, in the order of [`ImageResult::methods`].
+const VARIANTS: [&str; 3] = ["points + lines", "points only", "lines only"];
 
 /// Names of the stages in the order of [`Evaluation::median_ms`].
 pub(super) const STAGES: [&str; 6] = ["resize", "features", "lines", "networks", "solver", "all"];
@@ -122,38 +163,65 @@ impl<'a> Evaluator<'a> {
         images: &[&DatasetImage],
         mut done: impl FnMut(&ImageResult),
     ) -> Result<Evaluation, EvalError> {
-        let mut results = Vec::with_capacity(images.len());
+        let mut results: Vec<ImageResult> = Vec::with_capacity(images.len());
         let mut has_lines = false;
         for image in images {
             let result = self.image(image, &mut has_lines)?;
             done(&result);
             results.push(result);
         }
-        let mut names = vec!["scene"];
-        if has_lines {
-            names = vec!["points + lines", "points only", "lines only"];
+        // Without lines the variants say nothing.
+        if !has_lines {
+            for result in &mut results {
+                let methods = std::iter::once(&mut result.methods);
+                for methods in methods.chain(&mut result.other_seeds) {
+                    methods.drain(1..VARIANTS.len().min(methods.len()));
+                }
+            }
         }
-        let mut methods: Vec<(String, Summary)> = Vec::new();
-        // Without lines the variants say nothing; they are dropped from the table, not from the run.
-        let columns: Vec<usize> = if has_lines { vec![0, 1, 2] } else { vec![0] };
-        let baseline = self.options.baseline.as_ref().map(|(l, _)| l.len());
-        let all = columns
-            .iter()
-            .copied()
-            .zip(names.into_iter().map(str::to_owned))
-            .chain(baseline.map(|n| (3, format!("nearest of {n} landmarks"))));
-        for (column, name) in all {
-            let of: Vec<&MethodResult> = results
-                .iter()
-                .filter_map(|r: &ImageResult| r.methods.get(column))
-                .collect();
-            let errors: Vec<_> = of.iter().map(|m| m.error).collect();
-            let inliers: Vec<_> = of
-                .iter()
-                .filter(|m| m.error.is_some())
-                .map(|m| m.inliers)
-                .collect();
-            methods.push((name, Summary::of(&errors, &inliers)));
+        let names = if has_lines {
+            VARIANTS.map(str::to_owned).to_vec()
+        } else {
+            vec!["scene".to_owned()]
+        };
+        let baseline = self.options.baseline;
+        let baseline_name = baseline.map(|l| format!("nearest of {} landmarks", l.len()));
+        let errors: Vec<Vec<Vec<Option<PoseError>>>> = (0..names.len() + 1)
+            .map(|column| {
+                let of_image = |r: &ImageResult| -> Vec<Option<PoseError>> {
+                    r.all_seeds()
+                        .filter_map(|m| m.get(column).map(|m| m.error))
+                        .collect()
+                };
+                results.iter().map(of_image).collect()
+            })
+            .collect();
+        let methods: Vec<(String, Summary)> = names
+            .into_iter()
+            .chain(baseline_name)
+            .zip(&errors)
+            .enumerate()
+            .map(|(column, (name, errors))| {
+                let pooled: Vec<_> = errors.iter().flatten().copied().collect();
+                let inliers: Vec<_> = results
+                    .iter()
+                    .flat_map(ImageResult::all_seeds)
+                    .filter_map(|m| m.get(column))
+                    .filter(|m| m.error.is_some())
+                    .map(|m| m.inliers)
+                    .collect();
+                (name, Summary::of(&pooled, &inliers))
+            })
+            .collect();
+        let comparison = match errors.as_slice() {
+            [both, points, _, ..] if has_lines => {
+                Some(Comparison::new((VARIANTS[0], both), (VARIANTS[1], points)))
+            }
+            _ => None,
+        };
+        let mut lines: Option<LineAccuracy> = None;
+        for found in results.iter().filter_map(|r| r.lines) {
+            lines.get_or_insert_default().add(&found);
         }
         let median = |part: &dyn Fn(&ImageResult) -> f64| {
             median_in_place(&mut results.iter().map(part).collect::<Vec<f64>>()).unwrap_or(0.0)
@@ -166,17 +234,13 @@ impl<'a> Evaluator<'a> {
             median(&|r| r.stages_ms[4]),
             median(&|r| r.total_ms),
         ];
-        if !has_lines {
-            for result in &mut results {
-                let baseline = result.methods.split_off(result.methods.len().min(3));
-                result.methods.truncate(1);
-                result.methods.extend(baseline);
-            }
-        }
         Ok(Evaluation {
             methods,
             images: results,
             median_ms,
+            num_seeds: self.options.num_seeds,
+            comparison,
+            lines,
         })
     }
 
@@ -219,21 +283,54 @@ impl<'a> Evaluator<'a> {
             },
         });
         let points: Vec<PointCorrespondence> = self.relocalizer.points().map(|(p, _)| p).collect();
-        let lines: Vec<LineCorrespondence> = self.relocalizer.lines().map(|(l, _)| l).collect();
+        let marked: Vec<(LineCorrespondence, bool)> = self.relocalizer.lines().collect();
+        let lines: Vec<LineCorrespondence> = marked.iter().map(|(l, _)| *l).collect();
         *has_lines |= !lines.is_empty();
         let options = solver_options(self.relocalizer.options(), frame.width, frame.height);
+        let wants_features = self.options.baseline.is_some() || self.options.lines.is_some();
+        let features: Option<ImageFeatures> = match self.options.extraction {
+            Some(extraction) if wants_features => Some(extraction.features(image)?),
+            _ => None,
+        };
+        let line_accuracy = match (self.options.lines, &features) {
+            (Some(known), Some(features)) if !marked.is_empty() => {
+                Some(known.compare(image.camera, truth, features, &marked))
+            }
+            _ => None,
+        };
+        let landmarks = match (self.options.baseline, features) {
+            (Some(landmarks), Some(features)) => Some(landmarks.correspond(&features.into())),
+            _ => None,
+        };
         methods.push(self.solve(image, &truth, &points, &[], &options)?);
         methods.push(self.solve(image, &truth, &[], &lines, &options)?);
-        if let Some((landmarks, extraction)) = self.options.baseline {
-            let features: FeatureSet = extraction.features(image)?.into();
-            let points = landmarks.correspond(&features);
-            methods.push(self.solve(image, &truth, &points, &[], &options)?);
+        if let Some(landmarks) = &landmarks {
+            methods.push(self.solve(image, &truth, landmarks, &[], &options)?);
+        }
+        let mut other_seeds = Vec::new();
+        for more in 1..self.options.num_seeds {
+            let options = PoseOptions {
+                seed: options.seed.wrapping_add(more),
+                ..options
+            };
+            let mut methods = vec![
+                self.solve(image, &truth, &points, &lines, &options)?,
+                self.solve(image, &truth, &points, &[], &options)?,
+                self.solve(image, &truth, &[], &lines, &options)?,
+            ];
+            if let Some(landmarks) = &landmarks {
+                methods.push(self.solve(image, &truth, landmarks, &[], &options)?);
+            }
+            other_seeds.push(methods);
         }
         let t = report.timings;
         Ok(ImageResult {
             name: image.name.clone(),
             methods,
+            other_seeds,
+            truth,
             cam_from_world,
+            lines: line_accuracy,
             total_ms: t.total_ms,
             stages_ms: [
                 t.preprocess_ms,
@@ -288,50 +385,5 @@ pub fn solver_options(options: &RelocalizerOptions, width: u32, height: u32) -> 
         max_line_error_px: options.pose.max_line_error_px * factor,
         sigma_px: options.pose.sigma_px * factor,
         ..options.pose
-    }
-}
-
-/// Share of predicted segments whose ends lie within a distance of the true infinite line and whose direction is within an
-/// angle of its direction.
-pub fn line_share(
-    predicted_and_true: &[([Vector3<f64>; 2], [Vector3<f64>; 2])],
-    max_distance: f64,
-    max_angle_deg: f64,
-) -> f64 {
-    let cos_limit = max_angle_deg.to_radians().cos();
-    let good = predicted_and_true
-        .iter()
-        .filter(|([p, q], [a, b])| {
-            let (Some(direction), Some(truth)) =
-                ((q - p).try_normalize(1e-9), (b - a).try_normalize(1e-9))
-            else {
-                return false;
-            };
-            let off = |x: &Vector3<f64>| ((x - a) - truth * (x - a).dot(&truth)).norm();
-            direction.dot(&truth).abs() >= cos_limit
-                && off(p) <= max_distance
-                && off(q) <= max_distance
-        })
-        .count();
-    good as f64 / predicted_and_true.len().max(1) as f64
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn lines_are_compared_as_infinite_ones() {
-        let x = |x: f64, y: f64| Vector3::new(x, y, 0.0);
-        let truth = [x(0.0, 0.0), x(1.0, 0.0)];
-        // Shifted along itself and reversed: the same line. 6 cm beside it, or turned by 5 degrees: not.
-        let pairs = [
-            ([x(3.0, 0.01), x(2.0, 0.01)], truth),
-            ([x(0.0, 0.06), x(1.0, 0.06)], truth),
-            ([x(0.0, 0.0), x(0.4, 0.035)], truth),
-            ([x(0.0, 0.0), x(0.0, 0.0)], truth),
-        ];
-        assert_eq!(line_share(&pairs, 0.05, 3.0), 0.25);
-        assert_eq!(line_share(&[], 0.05, 3.0), 0.0);
     }
 }

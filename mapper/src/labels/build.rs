@@ -1,15 +1,17 @@
 //! Labels without outside tools: from pictures with poses and features to tracks and targets.
 
-use super::{LabelledImage, Labels, LineTrack, Observation, PointTrack, SegmentTarget};
+use super::{Imported, LabelledImage, Labels, LineTrack, Observation, PointTrack, SegmentTarget};
 use crate::dataset::DatasetImage;
 use crate::feature_cache::ImageFeatures;
 use crate::progress::Progress;
 use crate::tracks::{
-    Bundle, LineParams, MatchParams, Misreading, PairParams, PointParams, View, build_line_tracks,
-    build_point_tracks, check_convention, choose_pairs, line_pairs, line_residuals, match_pairs,
-    mean_descriptor, mean_segment_descriptor, probe_depth,
+    Bundle, LineParams, MAX_DISTANCE_PX, MatchParams, Misreading, PairParams, PointParams,
+    SegmentTrack, Track, View, build_line_tracks, build_point_tracks, check_convention,
+    choose_pairs, line_pairs, line_residuals, line_tracks_from_map, match_pairs, mean_descriptor,
+    mean_segment_descriptor, point_tracks_from_model, probe_depth,
 };
 use landline::geometry::CamFromWorld;
+use landline::math::stats::median_in_place;
 
 /// Every setting of the stage.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -56,6 +58,22 @@ pub enum LabelError {
         /// How far it came.
         what: String,
     },
+    /// Points of a model were asked for.
+    #[error(
+        "the data set has no 3D points of its own ({0}); only COLMAP models do. Leave --points-from away to triangulate"
+    )]
+    NoModelPoints(&'static str),
+    /// The model's points are not where the keypoints are.
+    #[error(
+        "none of the model's {num_points} points was seen within {max_px} px of two keypoints; do model and pictures belong \
+         together?"
+    )]
+    ModelFitsNot {
+        /// Points of the model.
+        num_points: usize,
+        /// Largest distance.
+        max_px: f64,
+    },
 }
 
 /// What happened, for the report.
@@ -63,8 +81,8 @@ pub enum LabelError {
 pub struct LabelStats {
     /// Typical distance of what the pictures see.
     pub depth: f64,
-    /// Pairs that were matched.
-    pub num_pairs: usize,
+    /// Pairs of pictures that look at the same things.
+    pub pairs: Vec<(usize, usize)>,
     /// Matches that agree with the poses.
     pub num_matches: usize,
     /// Point tracks.
@@ -98,6 +116,22 @@ pub fn build(
     params: &LabelParams,
     progress: &Progress,
 ) -> Result<(Labels, LabelStats), LabelError> {
+    let imported = Imported::default();
+    build_from(images, features, extractor, &imported, params, progress)
+}
+
+/// [`build`] with points or lines that came with the data set in place of triangulated ones.
+///
+/// # Errors
+/// As [`build`], and when imported points do not fit the keypoints.
+pub fn build_from(
+    images: &[&DatasetImage],
+    features: Vec<ImageFeatures>,
+    extractor: &str,
+    imported: &Imported,
+    params: &LabelParams,
+    progress: &Progress,
+) -> Result<(Labels, LabelStats), LabelError> {
     let posed: Vec<(&DatasetImage, CamFromWorld, ImageFeatures)> = images
         .iter()
         .zip(features)
@@ -119,44 +153,12 @@ pub fn build(
             });
         }
     }
-    let no_overlap = |what: String| LabelError::NoOverlap {
-        num_pictures: views.len(),
-        what,
-    };
-    let depth = probe_depth(&views, 60, &params.matches).ok_or_else(|| {
-        no_overlap(
-            "neighbouring ones have fewer than 20 matches that agree with the poses".to_owned(),
-        )
-    })?;
-    let pairs = choose_pairs(&views, depth, &params.pairs);
-    if pairs.is_empty() {
-        return Err(no_overlap(format!(
-            "none share {:.0} % of their view at the typical depth {depth:.2}",
-            100.0 * params.pairs.min_overlap
-        )));
-    }
-    let bar = progress.bar("matching", pairs.len());
-    let matches = match_pairs(&views, &pairs, &params.matches, &|| bar.inc(1));
-    bar.finish();
-    let spinner = progress.spinner("triangulating points");
-    let tracks = build_point_tracks(&views, &matches, &params.points);
-    spinner.finish();
-    if tracks.is_empty() {
-        return Err(no_overlap(format!(
-            "{} matches of {} pairs give no point",
-            matches.len(),
-            pairs.len()
-        )));
-    }
+    let mut stats = LabelStats::default();
+    let tracks = point_tracks(&views, imported, params, progress, &mut stats)?;
+    let line_tracks = line_tracks(&views, imported, params, progress, &stats);
 
     let bundle = Bundle { views: &views };
-    let mut stats = LabelStats {
-        depth,
-        num_pairs: pairs.len(),
-        num_matches: matches.len(),
-        num_points: tracks.len(),
-        ..LabelStats::default()
-    };
+    stats.num_points = tracks.len();
     let mut point_targets: Vec<Vec<Option<u32>>> =
         views.iter().map(|v| vec![None; v.planar.len()]).collect();
     let mut points = Vec::with_capacity(tracks.len());
@@ -189,10 +191,6 @@ pub fn build(
     stats.keypoints =
         views.iter().map(|v| v.planar.len()).sum::<usize>() as f64 / views.len() as f64;
 
-    let chosen = line_pairs(&views, &pairs, params.lines.partners);
-    let bar = progress.bar("matching segments", chosen.len());
-    let line_tracks = build_line_tracks(&views, &chosen, depth, &params.lines, &|| bar.inc(1));
-    bar.finish();
     let mut segment_targets: Vec<Vec<Option<SegmentTarget>>> = views
         .iter()
         .map(|v| vec![None; v.segment_ends.len()])
@@ -258,11 +256,94 @@ pub fn build(
     Ok((labels, stats))
 }
 
+/// Point tracks, imported or triangulated; fills in depth and pairs.
+fn point_tracks(
+    views: &[View],
+    imported: &Imported,
+    params: &LabelParams,
+    progress: &Progress,
+    stats: &mut LabelStats,
+) -> Result<Vec<Track>, LabelError> {
+    let no_overlap = |what: String| LabelError::NoOverlap {
+        num_pictures: views.len(),
+        what,
+    };
+    if let Some(points) = &imported.points {
+        let tracks = point_tracks_from_model(views, points, &params.points);
+        stats.depth = depth_of(views, &tracks).ok_or(LabelError::ModelFitsNot {
+            num_points: points.len(),
+            max_px: MAX_DISTANCE_PX,
+        })?;
+        stats.pairs = choose_pairs(views, stats.depth, &params.pairs);
+        return Ok(tracks);
+    }
+    stats.depth = probe_depth(views, 60, &params.matches).ok_or_else(|| {
+        no_overlap(
+            "neighbouring ones have fewer than 20 matches that agree with the poses".to_owned(),
+        )
+    })?;
+    stats.pairs = choose_pairs(views, stats.depth, &params.pairs);
+    let pairs = &stats.pairs;
+    if pairs.is_empty() {
+        return Err(no_overlap(format!(
+            "none share {:.0} % of their view at the typical depth {:.2}",
+            100.0 * params.pairs.min_overlap,
+            stats.depth
+        )));
+    }
+    let bar = progress.bar("matching", pairs.len());
+    let matches = match_pairs(views, pairs, &params.matches, &|| bar.inc(1));
+    bar.finish();
+    let spinner = progress.spinner("triangulating points");
+    let tracks = build_point_tracks(views, &matches, &params.points);
+    spinner.finish();
+    if tracks.is_empty() {
+        return Err(no_overlap(format!(
+            "{} matches of {} pairs give no point",
+            matches.len(),
+            pairs.len()
+        )));
+    }
+    stats.num_matches = matches.len();
+    Ok(tracks)
+}
+
+/// Line tracks, imported or triangulated.
+fn line_tracks(
+    views: &[View],
+    imported: &Imported,
+    params: &LabelParams,
+    progress: &Progress,
+    stats: &LabelStats,
+) -> Vec<SegmentTrack> {
+    if let Some(lines) = &imported.lines {
+        return line_tracks_from_map(views, lines);
+    }
+    let chosen = line_pairs(views, &stats.pairs, params.lines.partners);
+    let bar = progress.bar("matching segments", chosen.len());
+    let tracks = build_line_tracks(views, &chosen, stats.depth, &params.lines, &|| bar.inc(1));
+    bar.finish();
+    tracks
+}
+
+/// Median depth of tracks in the views that see them.
+fn depth_of(views: &[View], tracks: &[Track]) -> Option<f64> {
+    let mut depths: Vec<f64> = tracks
+        .iter()
+        .flat_map(|t| t.observations.iter().map(move |(v, _)| (t, *v)))
+        .filter_map(|(t, v)| {
+            let view = views.get(v as usize)?;
+            Some(view.cam_from_world.transform_point(&t.point_in_world).z)
+        })
+        .collect();
+    median_in_place(&mut depths)
+}
+
 impl std::fmt::Display for LabelStats {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         writeln!(f, "Labels")?;
         writeln!(f, "  typical depth      {:.2}", self.depth)?;
-        writeln!(f, "  pairs              {}", self.num_pairs)?;
+        writeln!(f, "  pairs              {}", self.pairs.len())?;
         writeln!(f, "  matches            {}", self.num_matches)?;
         writeln!(
             f,

@@ -6,11 +6,13 @@
 
 mod build;
 mod file;
+mod import;
 mod select;
 mod variants;
 
-pub use build::{LabelError, LabelParams, LabelStats, build};
+pub use build::{LabelError, LabelParams, LabelStats, build, build_from};
 pub use file::LabelFileError;
+pub use import::Imported;
 pub use select::cover;
 pub use variants::{VariantStats, add_variants};
 

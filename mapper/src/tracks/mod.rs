@@ -4,6 +4,7 @@
 //! errors are multiplied by the focal length, so that they read as pixels for every camera model.
 
 mod convention;
+mod import;
 mod lines;
 mod matching;
 mod pairs;
@@ -11,7 +12,10 @@ mod points;
 mod triangulate;
 
 pub use convention::{ConventionCheck, Misreading, check_convention};
-pub use lines::{LineParams, SegmentTrack, build_line_tracks, line_pairs};
+pub use import::{MAX_DISTANCE_PX, line_tracks_from_map, point_tracks_from_model};
+pub use lines::{
+    KnownLine, LineParams, SegmentTrack, assign_segments, build_line_tracks, line_pairs,
+};
 pub(crate) use lines::{line_residuals, mean_segment_descriptor};
 pub use matching::{Match, MatchParams, match_pairs};
 pub use pairs::{PairParams, choose_pairs, probe_depth};

@@ -13,7 +13,7 @@ struct Cli {
     data: DataArgs,
 }
 
-fn read(path: &Path, more: &[&str]) -> Result<Dataset, DatasetError> {
+pub(crate) fn read(path: &Path, more: &[&str]) -> Result<Dataset, DatasetError> {
     let mut words = vec!["test", path.to_str().expect("UTF-8")];
     words.extend(more);
     open(&Cli::try_parse_from(words).expect("valid arguments").data)

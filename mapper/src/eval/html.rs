@@ -1,0 +1,185 @@
+//! The report as a page of its own: figures, plots, the worst pictures.
+
+use super::plots;
+use super::report::Subject;
+use super::run::{Evaluation, ImageResult, STAGES};
+use std::fmt::Write as _;
+use std::io;
+
+const STYLE: &str = "\
+body{font:15px/1.5 system-ui,sans-serif;color:#1c2024;background:#fff;max-width:1180px;margin:32px auto;padding:0 20px}\
+h1{font-size:24px;margin:0 0 4px}h2{font-size:18px;margin:32px 0 8px}p{margin:6px 0}.quiet{color:#60666c}\
+table{border-collapse:collapse;margin:8px 0;font-variant-numeric:tabular-nums}\
+th,td{padding:5px 12px;text-align:right;border-bottom:1px solid #e4e7ea}th{font-weight:600;color:#3a4046}\
+th:first-child,td:first-child{text-align:left;padding-left:0}tr.main td{font-weight:600}\
+.plots{display:flex;flex-wrap:wrap;gap:12px}.plots svg{max-width:100%;height:auto}\
+.bar{display:inline-block;height:10px;background:#0072b2;border-radius:2px;vertical-align:middle}\
+figure{margin:0 0 20px}figure img{max-width:100%;border-radius:4px}figcaption{color:#60666c;font-size:13px}\
+.fails{display:grid;grid-template-columns:repeat(auto-fill,minmax(340px,1fr));gap:16px}";
+
+/// How many of the worst pictures are listed.
+const NUM_WORST: usize = 10;
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
+}
+
+fn number(value: f64, digits: usize) -> String {
+    if value.is_finite() {
+        format!("{value:.digits$}")
+    } else {
+        "&ndash;".to_owned()
+    }
+}
+
+/// The page. `failures` are pictures beside it and what they show.
+///
+/// # Errors
+/// When a plot cannot be drawn.
+pub(super) fn page(
+    evaluation: &Evaluation,
+    subject: &Subject,
+    failures: &[(String, String)],
+) -> io::Result<String> {
+    let mut out = format!(
+        "<!doctype html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" \
+         content=\"width=device-width\">\n<title>Evaluation of {scene}</title>\n<style>{STYLE}</style>\n\
+         <h1>Evaluation of {scene}</h1>\n<p class=\"quiet\">{size} kB &middot; {num} test pictures &middot; {data}</p>\n",
+        scene = escaped(&subject.scene),
+        size = number(subject.num_bytes as f64 / 1e3, 0),
+        num = evaluation.images.len(),
+        data = escaped(&subject.data),
+    );
+    accuracy(&mut out, evaluation);
+    let distribution = plots::error_distribution;
+    // Writing to a string cannot fail.
+    let _ = writeln!(
+        out,
+        "<h2>Errors</h2>\n<div class=\"plots\">\n{}\n{}\n{}\n</div>",
+        distribution(
+            evaluation,
+            "position error, cm",
+            |e| 100.0 * e.position,
+            (0.1, 100.0)
+        )?,
+        distribution(
+            evaluation,
+            "rotation error, degrees",
+            |e| e.rotation_deg,
+            (0.03, 30.0)
+        )?,
+        plots::error_over_pictures(evaluation)?,
+    );
+    let _ = writeln!(
+        out,
+        "<p class=\"quiet\">The line in the lower plot is 5 cm. A picture without a pose sits on the upper edge.</p>\n\
+         <h2>Camera positions</h2>\n<div class=\"plots\">\n{}\n</div>",
+        plots::trajectory(evaluation)?
+    );
+    stages(&mut out, evaluation);
+    worst(&mut out, evaluation);
+    if !failures.is_empty() {
+        out.push_str("<h2>Failures</h2>\n<div class=\"fails\">\n");
+        for (file, what) in failures {
+            let _ = writeln!(
+                out,
+                "<figure><a href=\"{file}\"><img src=\"{file}\" alt=\"\" loading=\"lazy\"></a><figcaption>{what}\
+                 </figcaption></figure>",
+                file = escaped(file),
+                what = escaped(what)
+            );
+        }
+        out.push_str("</div>\n");
+    }
+    out.push_str("</html>\n");
+    Ok(out)
+}
+
+fn accuracy(out: &mut String, evaluation: &Evaluation) {
+    out.push_str(
+        "<h2>Accuracy</h2>\n<table><tr><th>method<th>located<th>median cm<th>median deg<th>within 2 cm / 2&deg;\
+         <th>5 cm / 5&deg;<th>10 cm / 10&deg;<th>points<th>lines</tr>\n",
+    );
+    for (i, (name, s)) in evaluation.methods.iter().enumerate() {
+        let recall = |m: f64| number(100.0 * s.recall_at(m).unwrap_or(f64::NAN), 1) + " %";
+        let _ = writeln!(
+            out,
+            "<tr{}><td>{}<td>{} of {}<td>{}<td>{}<td>{}<td>{}<td>{}<td>{}<td>{}</tr>",
+            if i == 0 { " class=\"main\"" } else { "" },
+            escaped(name),
+            s.num_located,
+            s.num_images,
+            number(100.0 * s.median_position, 2),
+            number(s.median_rotation_deg, 3),
+            recall(0.02),
+            recall(0.05),
+            recall(0.10),
+            number(s.median_point_inliers, 0),
+            number(s.median_line_inliers, 0),
+        );
+    }
+    out.push_str(
+        "</table>\n<p class=\"quiet\">Points and lines: medians of what agrees with the pose. All methods use the same \
+         features and the same solver.",
+    );
+    if evaluation.num_seeds > 1 {
+        let _ = write!(out, " {} solver seeds are pooled.", evaluation.num_seeds);
+    }
+    out.push_str("</p>\n");
+    if let Some(comparison) = &evaluation.comparison {
+        let _ = writeln!(
+            out,
+            "<p>{}. <span class=\"quiet\">In brackets: 95 % of 2,000 resamples of the pictures.</span></p>",
+            escaped(&comparison.to_string())
+        );
+    }
+    if let Some(lines) = &evaluation.lines {
+        let _ = writeln!(out, "<p>{}.</p>", escaped(&lines.to_string()));
+    }
+}
+
+fn stages(out: &mut String, evaluation: &Evaluation) {
+    out.push_str("<h2>Time of a picture</h2>\n<table><tr><th>stage<th>median ms<th></tr>\n");
+    let all = evaluation.median_ms[STAGES.len() - 1].max(1e-9);
+    for (stage, ms) in STAGES.iter().zip(evaluation.median_ms) {
+        let _ = writeln!(
+            out,
+            "<tr><td>{stage}<td>{}<td style=\"text-align:left\"><span class=\"bar\" style=\"width:{:.0}px\"></span></tr>",
+            number(ms, 1),
+            300.0 * (ms / all).clamp(0.0, 1.0)
+        );
+    }
+    out.push_str("</table>\n");
+}
+
+fn worst(out: &mut String, evaluation: &Evaluation) {
+    let error = |image: &ImageResult| image.methods.first().and_then(|m| m.error);
+    let mut order: Vec<&ImageResult> = evaluation.images.iter().collect();
+    order.sort_by(|a, b| {
+        let far = |i: &ImageResult| error(i).map_or(f64::INFINITY, |e| e.position);
+        far(b).total_cmp(&far(a))
+    });
+    out.push_str(
+        "<h2>Worst pictures</h2>\n<table><tr><th>picture<th>cm<th>deg<th>points<th>lines<th>reason</tr>\n",
+    );
+    for image in order.iter().take(NUM_WORST) {
+        let Some(m) = image.methods.first() else {
+            continue;
+        };
+        let part = |f: fn(&super::PoseError) -> f64| error(image).as_ref().map_or(f64::NAN, f);
+        let _ = writeln!(
+            out,
+            "<tr><td>{}<td>{}<td>{}<td>{}<td>{}<td>{}</tr>",
+            escaped(&image.name),
+            number(part(|e| 100.0 * e.position), 2),
+            number(part(|e| e.rotation_deg), 3),
+            m.inliers.0,
+            m.inliers.1,
+            escaped(m.reason.as_deref().unwrap_or(""))
+        );
+    }
+    out.push_str("</table>\n");
+}

@@ -1,0 +1,299 @@
+//! The line of a set of segments: robustly found, refined, cut to what was seen.
+
+use super::super::View;
+use super::world_line::{SegmentPlane, WorldLine, covered, line_error_px, segment_plane};
+use super::{LineParams, SegmentTrack};
+use landline::math::Rng;
+use landline::math::stats::quantile_in_place;
+use nalgebra::{Matrix3, Vector3};
+
+/// All lines of a set of segments, best first; what fits none is left out.
+pub(super) fn robust(
+    views: &[View],
+    component: &[(u32, u32)],
+    params: &LineParams,
+    seed: u64,
+) -> Vec<SegmentTrack> {
+    let mut rest = component.to_vec();
+    let mut tracks = Vec::new();
+    let mut rng = Rng::from_seed(seed);
+    while rest.len() >= params.min_views {
+        let Some(inliers) = best_line(views, &rest, params, &mut rng) else {
+            break;
+        };
+        let Some(track) = settle(views, &inliers, params) else {
+            break;
+        };
+        rest.retain(|o| !track.observations.contains(o));
+        tracks.push(track);
+    }
+    tracks
+}
+
+/// The line of two segments that most others agree with; returns who agrees.
+fn best_line(
+    views: &[View],
+    observations: &[(u32, u32)],
+    params: &LineParams,
+    rng: &mut Rng,
+) -> Option<Vec<(u32, u32)>> {
+    let planes: Vec<Option<SegmentPlane>> = observations
+        .iter()
+        .map(|(v, s)| segment_plane(&views[*v as usize], *s as usize))
+        .collect();
+    let n = observations.len();
+    let min_sin = params.min_plane_angle_deg.to_radians().sin();
+    let mut best: Option<(f64, WorldLine)> = None;
+    const MAX_PAIRS: usize = 60;
+    let all = n * (n - 1) / 2;
+    let mut pairs = Vec::with_capacity(MAX_PAIRS);
+    if all <= MAX_PAIRS {
+        pairs.extend((0..n).flat_map(|i| (i + 1..n).map(move |j| (i, j))));
+    } else {
+        pairs.extend((0..MAX_PAIRS).map(|_| {
+            let i = rng.below(n as u32) as usize;
+            let j = rng.below(n as u32 - 1) as usize;
+            (i, j + usize::from(j >= i))
+        }));
+    }
+    let limit_sq = params.max_error_px * params.max_error_px;
+    for (i, j) in pairs {
+        let (Some(a), Some(b)) = (&planes[i], &planes[j]) else {
+            continue;
+        };
+        let Some((line, sin)) = WorldLine::from_planes(a, b) else {
+            continue;
+        };
+        if sin < min_sin {
+            continue;
+        }
+        let score: f64 = observations
+            .iter()
+            .map(|(v, s)| {
+                line_error_px(&views[*v as usize], *s as usize, &line)
+                    .powi(2)
+                    .min(limit_sq)
+            })
+            .sum();
+        if best.as_ref().is_none_or(|(least, _)| score < *least) {
+            best = Some((score, line));
+        }
+    }
+    let (_, line) = best?;
+    let inliers: Vec<(u32, u32)> = observations
+        .iter()
+        .copied()
+        .filter(|(v, s)| {
+            line_error_px(&views[*v as usize], *s as usize, &line) <= params.max_error_px
+        })
+        .collect();
+    (inliers.len() >= 2).then_some(inliers)
+}
+
+/// Fits a line to observations, drops what does not fit, cuts the line to what was seen.
+pub(super) fn settle(
+    views: &[View],
+    observations: &[(u32, u32)],
+    params: &LineParams,
+) -> Option<SegmentTrack> {
+    let mut inliers = observations.to_vec();
+    inliers.sort_unstable();
+    inliers.dedup();
+    let mut line = initial_line(views, &inliers)?;
+    for _ in 0..3 {
+        line = refine(views, &inliers, line);
+        let before = inliers.len();
+        inliers.retain(|(v, s)| {
+            let view = &views[*v as usize];
+            line_error_px(view, *s as usize, &line) <= params.max_error_px
+                && covered(view, *s as usize, &line).is_some()
+        });
+        if inliers.len() == before {
+            break;
+        }
+    }
+    let num_views = {
+        let mut seen: Vec<u32> = inliers.iter().map(|(v, _)| *v).collect();
+        seen.dedup();
+        seen.len()
+    };
+    if num_views < params.min_views
+        || widest_plane_angle(views, &inliers) < params.min_plane_angle_deg.to_radians()
+    {
+        return None;
+    }
+    // Ends: a fifth of the observations may claim more than the others, at either end, without moving them.
+    let ranges: Vec<(f64, f64)> = inliers
+        .iter()
+        .filter_map(|(v, s)| covered(&views[*v as usize], *s as usize, &line))
+        .collect();
+    let mut lows: Vec<f64> = ranges.iter().map(|r| r.0).collect();
+    let mut highs: Vec<f64> = ranges.iter().map(|r| r.1).collect();
+    let low = quantile_in_place(&mut lows, 0.2)?;
+    let high = quantile_in_place(&mut highs, 0.8)?;
+    if !(high > low) {
+        return None;
+    }
+    // What covers nothing of the cut line is another line on the same straight: it goes.
+    let kept: Vec<(u32, u32)> = inliers
+        .iter()
+        .zip(&ranges)
+        .filter(|(_, (from, to))| {
+            let shared = to.min(high) - from.max(low);
+            shared >= 0.5 * (to - from).min(high - low)
+        })
+        .map(|(o, _)| *o)
+        .collect();
+    if kept.len() < params.min_views {
+        return None;
+    }
+    Some(SegmentTrack {
+        start_in_world: line.point + low * line.direction,
+        end_in_world: line.point + high * line.direction,
+        observations: kept,
+    })
+}
+
+fn widest_plane_angle(views: &[View], observations: &[(u32, u32)]) -> f64 {
+    let normals: Vec<Vector3<f64>> = observations
+        .iter()
+        .filter_map(|(v, s)| Some(segment_plane(&views[*v as usize], *s as usize)?.normal))
+        .collect();
+    let Some(first) = normals.first() else {
+        return 0.0;
+    };
+    let sin_to = |from: &Vector3<f64>| {
+        normals
+            .iter()
+            .map(|n| (from.cross(n).norm(), *n))
+            .fold(
+                (0.0, *from),
+                |best, next| if next.0 > best.0 { next } else { best },
+            )
+    };
+    let (_, edge) = sin_to(first);
+    sin_to(&edge).0.min(1.0).asin()
+}
+
+/// The line that lies nearest to all observation planes: direction from the smallest spread of normals, point by least
+/// squares. Close enough for [`refine`].
+fn initial_line(views: &[View], observations: &[(u32, u32)]) -> Option<WorldLine> {
+    let planes: Vec<SegmentPlane> = observations
+        .iter()
+        .filter_map(|(v, s)| segment_plane(&views[*v as usize], *s as usize))
+        .collect();
+    if planes.len() < 2 {
+        return None;
+    }
+    let scatter: Matrix3<f64> = planes.iter().map(|p| p.normal * p.normal.transpose()).sum();
+    let eigen = scatter.symmetric_eigen();
+    let direction: Vector3<f64> = eigen
+        .eigenvectors
+        .column(eigen.eigenvalues.imin())
+        .into_owned();
+    let middle = planes.iter().map(|p| p.center).sum::<Vector3<f64>>() / planes.len() as f64;
+    let mut left = direction * direction.transpose();
+    let mut right = direction * direction.dot(&middle);
+    for p in &planes {
+        left += p.normal * p.normal.transpose();
+        right += p.normal * p.normal.dot(&p.center);
+    }
+    let point = left.lu().solve(&right)?;
+    Some(WorldLine { point, direction })
+}
+
+/// Gauss-Newton on the distances of observed ends to the projected line, over the four degrees of freedom of a line:
+/// two support points, each moving across the line.
+fn refine(views: &[View], observations: &[(u32, u32)], start: WorldLine) -> WorldLine {
+    // Support points where the observations are, so that both degrees of freedom per point are well determined.
+    let mut places: Vec<f64> = observations
+        .iter()
+        .filter_map(|(v, s)| covered(&views[*v as usize], *s as usize, &start))
+        .flat_map(|(a, b)| [a, b])
+        .collect();
+    let (Some(low), Some(high)) = (
+        quantile_in_place(&mut places, 0.1),
+        quantile_in_place(&mut places, 0.9),
+    ) else {
+        return start;
+    };
+    if !(high > low) {
+        return start;
+    }
+    let mut line = WorldLine {
+        point: start.point + low * start.direction,
+        direction: start.direction,
+    };
+    let mut length = high - low;
+    for _ in 0..8 {
+        let helper = if line.direction.x.abs() < 0.7 {
+            Vector3::x()
+        } else {
+            Vector3::y()
+        };
+        let across = line.direction.cross(&helper).normalize();
+        let up = line.direction.cross(&across);
+        let ends = [line.point, line.point + length * line.direction];
+        let mut hessian = nalgebra::Matrix4::<f64>::zeros();
+        let mut gradient = nalgebra::Vector4::<f64>::zeros();
+        for &(v, s) in observations {
+            let view = &views[v as usize];
+            let Some(seen) = view.segment_ends.get(s as usize) else {
+                continue;
+            };
+            let r = &view.cam_from_world.rotation;
+            let (p, q) = (
+                view.cam_from_world.transform_point(&ends[0]),
+                view.cam_from_world.transform_point(&ends[1]),
+            );
+            let normal = p.cross(&q);
+            let norm = normal.xy().norm();
+            if !(norm > 1e-12) {
+                continue;
+            }
+            for end in seen {
+                let x = end.push(1.0);
+                let f = view.focal_px;
+                let distance = f * normal.dot(&x) / norm;
+                // d(normal) = dp x q + p x dq; the norm changes too.
+                let unit = normal.xy() / norm;
+                let by_normal =
+                    f * (x / norm) - (distance / norm) * Vector3::new(unit.x, unit.y, 0.0);
+                let by_p = q.cross(&by_normal);
+                let by_q = by_normal.cross(&p);
+                let j = nalgebra::Vector4::new(
+                    by_p.dot(&(r * across)),
+                    by_p.dot(&(r * up)),
+                    by_q.dot(&(r * across)),
+                    by_q.dot(&(r * up)),
+                );
+                let weight = 1.0 / (1.0 + distance * distance);
+                hessian += weight * j * j.transpose();
+                gradient += weight * distance * j;
+            }
+        }
+        for i in 0..4 {
+            hessian[(i, i)] *= 1.0 + 1e-6;
+        }
+        let Some(step) = hessian.cholesky().map(|c| c.solve(&gradient)) else {
+            break;
+        };
+        let moved = [
+            ends[0] - across * step[0] - up * step[1],
+            ends[1] - across * step[2] - up * step[3],
+        ];
+        let along = moved[1] - moved[0];
+        length = along.norm();
+        if !(length > 1e-9) {
+            return start;
+        }
+        line = WorldLine {
+            point: moved[0],
+            direction: along / length,
+        };
+        if step.norm() < 1e-7 * length {
+            break;
+        }
+    }
+    line
+}

@@ -1,0 +1,181 @@
+//! Which segments of two views may show the same line, and the sets that such matches join.
+
+use super::super::View;
+use super::super::matching::essential;
+use super::super::points::root;
+use super::LineParams;
+use super::world_line::{WorldLine, lies_in_front, segment_plane};
+use nalgebra::{DVectorView, Vector2, Vector3};
+
+/// Two segments, each (view, segment), that may show the same line.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct SegmentMatch {
+    a: (u32, u32),
+    b: (u32, u32),
+    score: f32,
+}
+
+/// Where a line of the plane, through `p` and `q`, is cut by another one (homogeneous), as the share from p to q.
+fn cut(p: &Vector2<f64>, q: &Vector2<f64>, line: &Vector3<f64>) -> Option<f64> {
+    let at_p = line.dot(&p.push(1.0));
+    let at_q = line.dot(&q.push(1.0));
+    let slope = at_p - at_q;
+    (slope.abs() > 1e-12).then(|| at_p / slope)
+}
+
+pub(super) fn match_pair(
+    views: &[View],
+    i: usize,
+    j: usize,
+    depth: f64,
+    params: &LineParams,
+) -> Vec<SegmentMatch> {
+    let (a, b) = (&views[i], &views[j]);
+    let e = essential(&a.cam_from_world, &b.cam_from_world);
+    let e_back = e.transpose();
+    let (n_a, n_b) = (a.segment_ends.len(), b.segment_ends.len());
+    if n_a == 0 || n_b == 0 {
+        return Vec::new();
+    }
+    let samples_a = a.segment_descriptors_dn.ncols() / n_a;
+    let samples_b = b.segment_descriptors_dn.ncols() / n_b;
+    let sin_limit = params.min_epipolar_angle_deg.to_radians().sin();
+    let mut best_a: Vec<(f32, usize)> = vec![(0.0, usize::MAX); n_a];
+    let mut best_b: Vec<(f32, usize)> = vec![(0.0, usize::MAX); n_b];
+    for (s, ends_a) in a.segment_ends.iter().enumerate() {
+        let epipolar = ends_a.map(|p| e * p.push(1.0));
+        let Some(plane_a) = segment_plane(a, s) else {
+            continue;
+        };
+        for (t, ends_b) in b.segment_ends.iter().enumerate() {
+            let along = ends_b[1] - ends_b[0];
+            let length = along.norm();
+            // Both epipolar lines must cross the other segment at an angle that gives depth.
+            let crosses = epipolar.iter().all(|l| {
+                let n = l.xy();
+                (n.dot(&along)).abs() >= sin_limit * n.norm() * length
+            });
+            if !crosses {
+                continue;
+            }
+            let (Some(u), Some(v)) = (
+                cut(&ends_b[0], &ends_b[1], &epipolar[0]),
+                cut(&ends_b[0], &ends_b[1], &epipolar[1]),
+            ) else {
+                continue;
+            };
+            // Shares of b's segment at which a's ends lie; what is shared is the part within 0..1.
+            let (low, high) = (u.min(v).max(0.0), u.max(v).min(1.0));
+            let shared = high - low;
+            let shorter = (u - v).abs().min(1.0);
+            if !(shorter > 0.0) || shared < params.min_overlap * shorter {
+                continue;
+            }
+            let Some(plane_b) = segment_plane(b, t) else {
+                continue;
+            };
+            let Some((line, sin)) = WorldLine::from_planes(&plane_a, &plane_b) else {
+                continue;
+            };
+            if sin < params.min_plane_angle_deg.to_radians().sin() * 0.5
+                || !lies_in_front(a, &line, ends_a, depth)
+                || !lies_in_front(b, &line, ends_b, depth)
+            {
+                continue;
+            }
+            // Descriptors at five places of the shared part, each place found in `a` through the epipolar line of
+            // its place in `b`.
+            let mut sum = 0.0;
+            let mut places = 0;
+            for k in 0..5 {
+                let share_b = low + shared * (0.1 + 0.2 * f64::from(k));
+                let place_b = ends_b[0] + along * share_b;
+                let Some(share_a) = cut(&ends_a[0], &ends_a[1], &(e_back * place_b.push(1.0)))
+                else {
+                    continue;
+                };
+                let column = |share: f64, samples: usize, segment: usize| {
+                    let at = (share.clamp(0.0, 1.0) * (samples - 1) as f64).round() as usize;
+                    segment * samples + at
+                };
+                let d_a = a
+                    .segment_descriptors_dn
+                    .column(column(share_a, samples_a, s));
+                let d_b = b
+                    .segment_descriptors_dn
+                    .column(column(share_b, samples_b, t));
+                sum += dot(d_a, d_b);
+                places += 1;
+            }
+            if places < 3 {
+                continue;
+            }
+            let score = sum / places as f32;
+            if score < params.min_cosine {
+                continue;
+            }
+            if score > best_a[s].0 {
+                best_a[s] = (score, t);
+            }
+            if score > best_b[t].0 {
+                best_b[t] = (score, s);
+            }
+        }
+    }
+    best_a
+        .iter()
+        .enumerate()
+        .filter(|(s, (_, t))| best_b.get(*t).is_some_and(|(_, back)| back == s))
+        .map(|(s, (score, t))| SegmentMatch {
+            a: (i as u32, s as u32),
+            b: (j as u32, *t as u32),
+            score: *score,
+        })
+        .collect()
+}
+
+fn dot(a: DVectorView<'_, f32>, b: DVectorView<'_, f32>) -> f32 {
+    a.iter().zip(b.iter()).map(|(x, y)| x * y).sum()
+}
+
+/// Joins matched segments, best match first.
+pub(super) fn join(views: &[View], matches: &[SegmentMatch]) -> Vec<Vec<(u32, u32)>> {
+    let mut first = vec![0u32];
+    let mut next = 0u32;
+    for view in views {
+        next += view.segment_ends.len() as u32;
+        first.push(next);
+    }
+    let node = |(view, segment): (u32, u32)| first[view as usize] + segment;
+    let mut parent: Vec<u32> = (0..next).collect();
+    let mut size = vec![1u32; next as usize];
+    let mut sorted = matches.to_vec();
+    sorted.sort_unstable_by(|x, y| {
+        y.score
+            .total_cmp(&x.score)
+            .then((x.a, x.b).cmp(&(y.a, y.b)))
+    });
+    // A wrong match joins two lines; the robust fit takes them apart again, so sets may grow, but not without end.
+    const MAX_SIZE: u32 = 400;
+    for m in &sorted {
+        let (a, b) = (root(&mut parent, node(m.a)), root(&mut parent, node(m.b)));
+        if a != b && size[a as usize] + size[b as usize] <= MAX_SIZE {
+            let (small, large) = if size[a as usize] < size[b as usize] {
+                (a, b)
+            } else {
+                (b, a)
+            };
+            parent[small as usize] = large;
+            size[large as usize] += size[small as usize];
+        }
+    }
+    let mut members: Vec<Vec<(u32, u32)>> = vec![Vec::new(); next as usize];
+    for (v, view) in views.iter().enumerate() {
+        for s in 0..view.segment_ends.len() {
+            let o = (v as u32, s as u32);
+            members[root(&mut parent, node(o)) as usize].push(o);
+        }
+    }
+    members.retain(|m| m.len() >= 2);
+    members
+}

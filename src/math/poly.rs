@@ -173,11 +173,11 @@ fn sign_changes(b: &Bernstein) -> u32 {
 /// The two halves of an interval, by de Casteljau's scheme.
 fn halves(b: &Bernstein) -> (Bernstein, Bernstein) {
     let (mut left, mut right) = (*b, *b);
-    for level in 1..=MAX_DEGREE {
+    for (level, end) in left.iter_mut().enumerate().skip(1) {
         for i in 0..=(MAX_DEGREE - level) {
             right[i] = 0.5 * (right[i] + right[i + 1]);
         }
-        left[level] = right[0];
+        *end = right[0];
     }
     (left, right)
 }

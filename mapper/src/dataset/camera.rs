@@ -434,6 +434,10 @@ mod tests {
         let prism = [
             500.0, 500.0, 320.0, 240.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0,
         ];
-        assert!(record("THIN_PRISM_FISHEYE", &prism).contains("tangential"));
+        let refused = record("THIN_PRISM_FISHEYE", &prism);
+        assert!(
+            refused.contains("THIN_PRISM_FISHEYE") && refused.contains("undistort"),
+            "{refused}"
+        );
     }
 }

@@ -34,7 +34,9 @@ const RAMP: [[u8; 3]; 5] = [
 
 /// The colour of a confidence.
 pub fn confidence_color(confidence: f32) -> Rgb<u8> {
-    let place = f64::from(confidence.clamp(0.0, 1.0)) * (RAMP.len() - 1) as f64;
+    // `clamp` would keep NaN.
+    let known = if confidence.is_nan() { 0.0 } else { confidence };
+    let place = f64::from(known.clamp(0.0, 1.0)) * (RAMP.len() - 1) as f64;
     let below = (place as usize).min(RAMP.len() - 2);
     let share = place - below as f64;
     let mut color = [0; 3];

@@ -4,7 +4,7 @@ use super::{ExtractorOptions, FeatureError};
 use crate::models::{ExtractorKind, ports};
 use crate::nn::{
     Weights,
-    gpu::{FrameParts, FramePorts, GpuPart, GpuSelect},
+    gpu::{FrameParts, FramePorts, GpuPart, GpuSelect, PictureParts, WeightStorage},
 };
 
 /// How the parts of a frame call what they share.
@@ -30,9 +30,29 @@ pub fn frame_parts(
     kind: ExtractorKind,
     weights: &Weights,
     options: &ExtractorOptions,
-    (width, height): (usize, usize),
+    size: (usize, usize),
     branches: Vec<GpuPart>,
+    storage: WeightStorage,
 ) -> Result<FrameParts, FeatureError> {
+    Ok(FrameParts {
+        picture: picture_parts(kind, weights, options, size)?,
+        tokens: options.tokens,
+        branches,
+        ports: PORTS,
+        storage,
+    })
+}
+
+/// Those of them that depend on the picture's size, for [`crate::nn::gpu::GpuFrame::resize`].
+///
+/// # Errors
+/// [`FeatureError::Model`] for weights or sizes that do not fit the extractor.
+pub fn picture_parts(
+    kind: ExtractorKind,
+    weights: &Weights,
+    options: &ExtractorOptions,
+    (width, height): (usize, usize),
+) -> Result<PictureParts, FeatureError> {
     kind.check_weights(weights)?;
     let sampler = |capacity: usize| {
         let graph = kind.sampler_graph(width, height, options.sampler, capacity)?;
@@ -59,7 +79,7 @@ pub fn frame_parts(
         ExtractorKind::SuperPointV1 | ExtractorKind::SuperPointOpen => (None, [1.0, 1.0]),
     };
     let line_samples = options.max_segments * options.tokens;
-    Ok(FrameParts {
+    Ok(PictureParts {
         extractor: GpuPart {
             graph: kind.graph(width, height, false)?,
             weights: weights.clone(),
@@ -79,8 +99,5 @@ pub fn frame_parts(
         } else {
             None
         },
-        tokens: options.tokens,
-        branches,
-        ports: PORTS,
     })
 }

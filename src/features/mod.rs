@@ -18,7 +18,7 @@ mod select;
 
 pub use extractor::{Extractor, ExtractorOptions, FeatureError, write_gray, write_token_positions};
 #[cfg(feature = "webgpu")]
-pub use gpu::frame_parts;
+pub use gpu::{frame_parts, picture_parts};
 pub use select::{KeypointParams, SelectScratch, select_keypoints};
 
 use crate::geometry::{Pixel, PixelMap, Segment2};

@@ -89,4 +89,7 @@ pub enum NnError {
         /// Name of the count.
         name: String,
     },
+    /// The device that runs the network failed.
+    #[error("the device failed: {0}")]
+    Device(String),
 }

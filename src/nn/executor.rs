@@ -30,7 +30,7 @@ pub trait Executor {
     /// Computes all outputs. Allocates nothing.
     ///
     /// # Errors
-    /// None on the CPU at present; executors on a device can lose it.
+    /// None on the CPU; [`NnError::Device`] from executors on a device, which can be lost.
     fn run(&mut self) -> Result<(), NnError>;
 
     /// An output of the last run at the current counts, row-major.

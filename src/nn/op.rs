@@ -187,6 +187,22 @@ pub enum Op {
 }
 
 impl Op {
+    /// The weights that it needs, in the order of its fields.
+    pub fn weights(&self) -> Vec<WeightId> {
+        match self {
+            Self::Conv3x3 { weight, bias, .. } | Self::Linear { weight, bias, .. } => {
+                core::iter::once(*weight).chain(*bias).collect()
+            }
+            Self::LayerNorm { gain, bias, .. } => vec![*gain, *bias],
+            Self::SoftChoice {
+                keys,
+                values,
+                sharpness,
+            } => vec![*keys, *values, *sharpness],
+            _ => Vec::new(),
+        }
+    }
+
     /// Name for messages and listings.
     pub fn name(&self) -> &'static str {
         match self {

@@ -79,6 +79,12 @@ pub enum LocateError {
         /// Height of the frame.
         height: u32,
     },
+    /// A step of a frame came after a later frame had taken its place.
+    #[error("frame {number} was replaced by a later one before this step")]
+    OutOfOrder {
+        /// Number of the frame, from 1 on.
+        number: u64,
+    },
     /// The time of the frame is not a number.
     #[error("the frame's timestamp is {0}")]
     Timestamp(f64),

@@ -63,7 +63,6 @@ impl FrontEndOptions {
 /// Milliseconds of the stages in here.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct FrontEndTimings {
-    pub(super) preprocess_ms: f64,
     pub(super) features_ms: f64,
     pub(super) lines_ms: f64,
 }
@@ -143,7 +142,8 @@ impl FrontEnd {
     /// [`LocateError`] for a frame whose size and bytes disagree, or that is too small.
     pub fn run(&mut self, frame: &FrameView<'_>) -> Result<&FeatureSet, LocateError> {
         let mut no_clock = || 0.0;
-        self.run_timed(frame, &mut Stopwatch::start(&mut no_clock))?;
+        self.prepare(frame)?;
+        self.run_prepared(&mut Stopwatch::start(&mut no_clock), true)?;
         Ok(&self.features)
     }
 
@@ -158,29 +158,27 @@ impl FrontEnd {
         segments: &[Segment2],
     ) -> Result<&FeatureSet, LocateError> {
         self.prepare(frame)?;
-        self.extractor.run_dense(&self.working.view())?;
         self.segments.clear();
         let working = self.working_from_sensor;
         self.segments
             .extend(segments.iter().map(|s| s.mapped(&working)));
-        self.extractor.select(&mut self.features.keypoints)?;
-        self.extractor
-            .describe(&self.segments, &mut self.features)?;
+        self.run_prepared(&mut Stopwatch::start(&mut || 0.0), false)?;
         Ok(&self.features)
     }
 
-    pub(super) fn run_timed(
+    /// Features of the frame that [`Self::prepare`] took; `with_segments` unless [`Self::detect`] has run for it.
+    pub(super) fn run_prepared(
         &mut self,
-        frame: &FrameView<'_>,
         stopwatch: &mut Stopwatch<'_>,
+        with_segments: bool,
     ) -> Result<FrontEndTimings, LocateError> {
         let mut timings = FrontEndTimings::default();
-        self.prepare(frame)?;
-        timings.preprocess_ms = stopwatch.lap();
         self.extractor.run_dense(&self.working.view())?;
         timings.features_ms = stopwatch.lap();
-        self.detect()?;
-        timings.lines_ms = stopwatch.lap();
+        if with_segments {
+            self.detect()?;
+            timings.lines_ms = stopwatch.lap();
+        }
         self.extractor.select(&mut self.features.keypoints)?;
         self.extractor
             .describe(&self.segments, &mut self.features)?;

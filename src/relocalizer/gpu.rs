@@ -1,21 +1,31 @@
 //! The networks of a frame on the GPU: extractor, selection, sampling and branches with one readback, segments detected on
 //! the CPU meanwhile.
+//!
+//! What a frame may be:
+//! * of another size than the last: extractor and samplers are made anew within that call, the branches stay;
+//! * without keypoints, without segments, or both: the networks run on what there is;
+//! * with more segments than `max_segments`: the front end has kept the longest, as for the CPU, before the device sees them.
+//!
+//! None of these makes the driver complain. What does is a [`GpuError`], and the CPU answers the frame.
 
 use super::options::RelocalizerOptions;
-use crate::features::{ExtractorOptions, Keypoint, frame_parts, write_gray, write_token_positions};
+use crate::features::{
+    ExtractorOptions, Keypoint, frame_parts, picture_parts, write_gray, write_token_positions,
+};
 use crate::geometry::{Pixel, SceneScale, Segment2};
 use crate::image::GrayView;
 use crate::models::{ExtractorKind, RegressorConfig, ports};
 use crate::nn::Weights;
 use crate::nn::gpu::{
-    FrameResult, GpuCost, GpuDevice, GpuError, GpuFrame, GpuPart, Pipelines, Timer, self_test,
+    FrameResult, GpuCost, GpuDevice, GpuError, GpuFrame, GpuPart, Pipelines, Timer, WeightStorage,
+    self_test,
 };
 use crate::regress::{Predictions, decode_lines, decode_points, decode_v1, network_parts};
 use crate::scene_file::{ExtractorFile, SceneFile};
 use std::sync::Arc;
 
-/// A scene's networks on a device. Made once; buffers and pipelines for a picture size are made when the first picture of
-/// that size comes.
+/// A scene's networks on a device. Made once; what depends on the picture's size is made when the first picture comes, and
+/// anew when one of another size does.
 pub struct GpuNetworks {
     gpu: Arc<GpuDevice>,
     pipelines: Pipelines,
@@ -25,8 +35,11 @@ pub struct GpuNetworks {
     options: ExtractorOptions,
     config: RegressorConfig,
     scale: SceneScale,
+    storage: WeightStorage,
+    /// Until the first picture comes.
     branches: Vec<GpuPart>,
-    frame: Option<((usize, usize), GpuFrame)>,
+    frame: Option<GpuFrame>,
+    size: (usize, usize),
     gray: Vec<f32>,
     tokens: Vec<f32>,
 }
@@ -53,7 +66,7 @@ impl GpuNetworks {
         timer: Option<Timer>,
     ) -> Result<Self, GpuError> {
         let mut pipelines = Pipelines::new(&gpu);
-        self_test(&gpu, &mut pipelines, timer.as_ref()).await?;
+        let storage = self_test(&gpu, &mut pipelines, timer.as_ref()).await?;
         let mut options = RelocalizerOptions::new(extractor.kind);
         change(&mut options);
         let options = ExtractorOptions {
@@ -78,11 +91,13 @@ impl GpuNetworks {
             options,
             config: scene.config.clone(),
             scale: scene.info.scale,
+            storage,
             branches: parts
                 .into_iter()
                 .map(|(graph, weights)| GpuPart { graph, weights })
                 .collect(),
             frame: None,
+            size: (0, 0),
             gray: Vec::new(),
             tokens: Vec::new(),
         })
@@ -93,37 +108,46 @@ impl GpuNetworks {
         &self.gpu
     }
 
+    /// How the weights are stored: what the self-test has shown to work.
+    pub fn storage(&self) -> WeightStorage {
+        self.storage
+    }
+
     /// What a frame costs at full capacity, and the bytes of its one readback; `None` before the first frame.
     pub fn cost(&self) -> Option<(GpuCost, u64)> {
         self.frame
             .as_ref()
-            .map(|(_, frame)| (frame.cost(), frame.readback_bytes()))
+            .map(|frame| (frame.cost(), frame.readback_bytes()))
     }
 
-    /// Starts extractor and selection on a picture and returns at once.
-    pub(super) fn submit(&mut self, working: &GrayView<'_>) -> Result<(), GpuError> {
-        let size = (working.width, working.height);
-        if self
-            .frame
-            .as_ref()
-            .is_none_or(|(made_for, _)| *made_for != size)
-        {
-            // The old size goes first: two of them may not fit.
-            self.frame = None;
-            let parts = frame_parts(
-                self.kind,
-                &self.weights,
-                &self.options,
-                size,
-                self.branches.clone(),
-            )
-            .map_err(|error| unsupported(error.to_string()))?;
-            self.frame = Some((size, GpuFrame::new(&self.gpu, &mut self.pipelines, parts)?));
+    /// Makes everything for pictures of this size, if it is not there yet.
+    async fn prepare(&mut self, size: (usize, usize)) -> Result<(), GpuError> {
+        if self.frame.is_some() && self.size == size {
+            return Ok(());
         }
+        let failed = |error: crate::features::FeatureError| unsupported(error.to_string());
+        let (kind, weights, options) = (self.kind, &self.weights, &self.options);
+        if let Some(frame) = &mut self.frame {
+            let parts = picture_parts(kind, weights, options, size).map_err(failed)?;
+            frame.resize(&mut self.pipelines, parts).await?;
+        } else {
+            let branches = std::mem::take(&mut self.branches);
+            let parts = frame_parts(kind, weights, options, size, branches, self.storage)
+                .map_err(failed)?;
+            let frame = GpuFrame::new(&self.gpu, &mut self.pipelines, parts).await?;
+            self.frame = Some(frame);
+        }
+        self.size = size;
+        Ok(())
+    }
+
+    /// Starts extractor and selection on a picture and returns at once, unless its size is new.
+    pub(super) async fn submit(&mut self, working: &GrayView<'_>) -> Result<(), GpuError> {
+        self.prepare((working.width, working.height)).await?;
         self.gray.resize(working.width * working.height, 0.0);
         write_gray(working, &mut self.gray);
         match &self.frame {
-            Some((_, frame)) => frame.submit(&self.gray),
+            Some(frame) => frame.submit(&self.gray),
             None => Err(unsupported("no frame was made".to_owned())),
         }
     }
@@ -135,7 +159,7 @@ impl GpuNetworks {
         keypoints: &mut Vec<Keypoint>,
         predictions: &mut Predictions,
     ) -> Result<(), GpuError> {
-        let Some((_, frame)) = &mut self.frame else {
+        let Some(frame) = &mut self.frame else {
             return Err(unsupported("no picture was submitted".to_owned()));
         };
         self.tokens.clear();

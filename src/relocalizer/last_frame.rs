@@ -7,7 +7,7 @@ use crate::pose::{LineCorrespondence, PointCorrespondence};
 impl Relocalizer {
     /// Point correspondences of the last frame, in pixels of the frame, and whether they agree with the pose.
     pub fn points(&self) -> impl Iterator<Item = (PointCorrespondence, bool)> + '_ {
-        let sensor = self.front_end.working_from_sensor().inverse();
+        let sensor = self.working_from_sensor.inverse();
         self.points
             .iter()
             .zip(&self.is_point_inlier)
@@ -19,7 +19,7 @@ impl Relocalizer {
 
     /// Line correspondences of the last frame, in pixels of the frame, and whether they agree with the pose.
     pub fn lines(&self) -> impl Iterator<Item = (LineCorrespondence, bool)> + '_ {
-        let sensor = self.front_end.working_from_sensor().inverse();
+        let sensor = self.working_from_sensor.inverse();
         self.lines
             .iter()
             .zip(&self.is_line_inlier)
@@ -31,7 +31,7 @@ impl Relocalizer {
 
     /// Segments of the last frame, in pixels of the frame.
     pub fn segments(&self) -> impl Iterator<Item = Segment2> + '_ {
-        let sensor = self.front_end.working_from_sensor().inverse();
+        let sensor = self.working_from_sensor.inverse();
         self.front_end
             .features()
             .segments

@@ -6,10 +6,14 @@
 //!   in pixels of the working image, so that thresholds mean the same for every camera.
 //! * **Method**: grey, resize, extractor, segments, the scene's two branches, correspondences, solver; over several frames a
 //!   prior from the last pose, a state, smoothing, and the remembered focal length of cameras that nobody calibrated.
+//!   With the networks on a device a frame is taken in three steps, so that the next one's networks run while its pose is
+//!   solved: `Relocalizer::begin`, `Relocalizer::observe`, [`Relocalizer::solve`].
 //! * **Invariants**: the same frame, options and seed give the same pose; with the portable kernels, the only ones in the browser,
 //!   on every machine. The core reads no clock of its own.
 //! * **Cost**: all buffers are kept from frame to frame; a change of the working size builds the extractor's plan anew.
 
+#[cfg(feature = "webgpu")]
+mod backend;
 #[cfg(feature = "webgpu")]
 mod calibration;
 mod correspond;
@@ -22,6 +26,7 @@ mod last_frame;
 mod options;
 mod result;
 mod smoothing;
+mod steps;
 mod timings;
 mod tracking;
 
@@ -33,34 +38,17 @@ pub use gpu::GpuNetworks;
 pub use options::{CameraSource, Query, RelocalizerOptions};
 pub use result::{Counts, Localization, NotLocated, Outcome, Report};
 pub use smoothing::{PoseFilter, Smoothing};
+pub use steps::{Begun, Observed};
 pub use timings::StageTimings;
 pub use tracking::{LimitedReason, Track, TrackState};
 
-use crate::geometry::{CamFromWorld, Camera};
-use crate::image::FrameView;
-use crate::pose::{
-    self, Focal, LineCorrespondence, PointCorrespondence, PoseOptions, PoseScratch, PriorPose,
-};
+use crate::geometry::{Camera, WorkingFromSensor};
+use crate::pose::{Focal, LineCorrespondence, PointCorrespondence, PoseScratch};
 use crate::regress::{Predictions, Regressor};
 use crate::scene_file::{ExtractorFile, SceneFile, SceneInfo};
-use last_frame::{count, mark};
-use timings::Stopwatch;
 
 /// Focal length divided by the longer side where nothing is known: the middle of phones' video cameras.
 const ASSUMED_FOCAL: f64 = 0.85;
-/// Fewer features than this are not worth a look.
-const MIN_FEATURES: usize = 8;
-/// Fewer things that agree are not believed, whatever the evidence says: repeated predictions (a network that was taught
-/// another place) are not independent of each other, and the solver's evidence takes them to be.
-const MIN_INLIERS: u32 = 12;
-/// And no fewer than one in so many of what the solver was given: the scene of another room finds chance poses with up to
-/// 30 of 900, while in its own room a third of them agree.
-const MIN_INLIER_SHARE: u32 = 12;
-/// A focal length known worse than this makes tracking limited.
-const MAX_TRACKED_SIGMA_LN: f64 = 0.05;
-/// Nats of evidence above chance that make a pose 63 % sure, 95 % at three times as much.
-const EVIDENCE_SCALE: f64 = 10.0;
-
 /// Finds cameras in one scene.
 #[derive(Debug)]
 pub struct Relocalizer {
@@ -79,12 +67,14 @@ pub struct Relocalizer {
     track: Track,
     filter: PoseFilter,
     focal: FocalMemory,
+    /// Of the frame that was answered last; the front end may hold a later one already.
+    working_from_sensor: WorkingFromSensor,
+    /// Frames begun so far.
+    num_begun: u64,
+    /// Frames whose networks have run.
+    num_observed: u64,
     #[cfg(feature = "webgpu")]
-    gpu: Option<GpuNetworks>,
-    /// Present until it is decided whether the device is worth it.
-    #[cfg(feature = "webgpu")]
-    calibration: Option<calibration::Calibration>,
-    gpu_failure: Option<String>,
+    backend: backend::Backend,
 }
 
 impl Relocalizer {
@@ -143,11 +133,11 @@ impl Relocalizer {
             track: Track::default(),
             filter: PoseFilter::default(),
             focal: FocalMemory::default(),
+            working_from_sensor: WorkingFromSensor::from_scale(1.0, 1.0),
+            num_begun: 0,
+            num_observed: 0,
             #[cfg(feature = "webgpu")]
-            gpu: None,
-            #[cfg(feature = "webgpu")]
-            calibration: None,
-            gpu_failure: None,
+            backend: backend::Backend::default(),
         })
     }
 
@@ -220,280 +210,42 @@ impl Relocalizer {
         })
     }
 
-    /// Locates one frame. `clock` tells milliseconds, for timings and the time budget.
-    ///
-    /// # Errors
-    /// [`LocateError`] for a frame or camera that makes no sense.
-    pub fn locate(
-        &mut self,
-        frame: &FrameView<'_>,
-        query: &Query<'_>,
-        clock: &mut dyn FnMut() -> f64,
-    ) -> Result<Report, LocateError> {
-        let intrinsics = self.camera_for(frame, query)?;
-        let mut stopwatch = Stopwatch::start(clock);
-        let timings = self.run_on_cpu(frame, &mut stopwatch)?;
-        self.solve(frame, query, intrinsics, timings, false, &mut stopwatch)
-    }
-
     /// Moves the networks to a device. They stay there until it fails; then the CPU takes over, for that frame and all
-    /// later ones, and [`Self::gpu_failure`] tells why.
+    /// later ones, and [`Self::gpu_failure`] tells why. An answer that is late is made up for by the CPU once; the device
+    /// goes if the next one is late too.
     #[cfg(feature = "webgpu")]
     pub fn use_gpu(&mut self, gpu: GpuNetworks) {
-        self.gpu = Some(gpu);
-        self.calibration = None;
-        self.gpu_failure = None;
+        self.backend = backend::Backend::new(gpu, false);
     }
 
     /// [`Self::use_gpu`] on trial: a few frames in, the faster of device and CPU is kept. If that is the CPU,
     /// [`Self::gpu_failure`] tells both times.
     #[cfg(feature = "webgpu")]
     pub fn try_gpu(&mut self, gpu: GpuNetworks) {
-        self.use_gpu(gpu);
-        self.calibration = Some(calibration::Calibration::default());
+        self.backend = backend::Backend::new(gpu, true);
     }
 
     /// The networks on a device, if they are there.
     #[cfg(feature = "webgpu")]
     pub fn gpu(&self) -> Option<&GpuNetworks> {
-        self.gpu.as_ref()
+        self.backend.networks()
     }
 
-    /// Why the networks left the device, if they did.
+    /// Why the last frame ran on the CPU though a device was given, if it did.
+    #[cfg(feature = "webgpu")]
     pub fn gpu_failure(&self) -> Option<&str> {
-        self.gpu_failure.as_deref()
-    }
-
-    /// [`Self::locate`] with the networks on the device that [`Self::use_gpu`] gave, or on the CPU without one.
-    ///
-    /// # Errors
-    /// [`LocateError`] for a frame or camera that makes no sense. A device that fails is no error.
-    #[cfg(feature = "webgpu")]
-    pub async fn locate_with_gpu(
-        &mut self,
-        frame: &FrameView<'_>,
-        query: &Query<'_>,
-        clock: &mut dyn FnMut() -> f64,
-    ) -> Result<Report, LocateError> {
-        let intrinsics = self.camera_for(frame, query)?;
-        let mut stopwatch = Stopwatch::start(clock);
-        let on_trial = self
-            .calibration
-            .as_ref()
-            .map(calibration::Calibration::turn);
-        let by_gpu = match on_trial {
-            Some(calibration::Turn::Cpu) => None,
-            Some(calibration::Turn::Gpu) | None => self.run_on_gpu(frame, &mut stopwatch).await?,
-        };
-        let timings = match by_gpu {
-            Some(timings) => timings,
-            None => self.run_on_cpu(frame, &mut stopwatch)?,
-        };
-        let networks_ms = stopwatch.total();
-        if self.gpu.is_none() {
-            self.calibration = None;
-        } else if let Some(calibration) = &mut self.calibration {
-            if by_gpu.is_some() {
-                calibration.gpu_frame(networks_ms);
-            } else {
-                if let Some(why) = calibration.decide(networks_ms) {
-                    self.gpu = None;
-                    self.gpu_failure = Some(why);
-                }
-                self.calibration = None;
-            }
-        }
-        let on_gpu = by_gpu.is_some();
-        self.solve(frame, query, intrinsics, timings, on_gpu, &mut stopwatch)
-    }
-
-    /// Features and predictions by the device; `None` when there is none or it failed.
-    #[cfg(feature = "webgpu")]
-    async fn run_on_gpu(
-        &mut self,
-        frame: &FrameView<'_>,
-        stopwatch: &mut Stopwatch<'_>,
-    ) -> Result<Option<StageTimings>, LocateError> {
-        if self.gpu.is_none() {
-            return Ok(None);
-        }
-        let mut timings = StageTimings::default();
-        self.front_end.prepare(frame)?;
-        timings.preprocess_ms = stopwatch.lap();
-        let Some(mut gpu) = self.gpu.take() else {
-            return Ok(None);
-        };
-        let submitted = gpu.submit(&self.front_end.working());
-        timings.features_ms = stopwatch.lap();
-        if let Err(error) = self.front_end.detect() {
-            self.gpu = Some(gpu);
-            return Err(error);
-        }
-        timings.lines_ms = stopwatch.lap();
-        let features = self.front_end.features_without_descriptors();
-        let finished = match submitted {
-            Ok(()) => {
-                gpu.finish(
-                    &features.segments,
-                    &mut features.keypoints,
-                    &mut self.predictions,
-                )
-                .await
-            }
-            Err(error) => Err(error),
-        };
-        timings.regress_ms = stopwatch.lap();
-        match finished {
-            Ok(()) => {
-                self.gpu = Some(gpu);
-                Ok(Some(timings))
-            }
-            Err(error) => {
-                self.gpu_failure = Some(error.to_string());
-                Ok(None)
-            }
-        }
-    }
-
-    /// Features and predictions by the CPU.
-    fn run_on_cpu(
-        &mut self,
-        frame: &FrameView<'_>,
-        stopwatch: &mut Stopwatch<'_>,
-    ) -> Result<StageTimings, LocateError> {
-        let mut timings = StageTimings::default();
-        let stages = self.front_end.run_timed(frame, stopwatch)?;
-        timings.preprocess_ms = stages.preprocess_ms;
-        timings.features_ms = stages.features_ms;
-        timings.lines_ms = stages.lines_ms;
-
-        let features = self.front_end.features();
-        self.regressor.run(features, &mut self.predictions)?;
-        timings.regress_ms = stopwatch.lap();
-        Ok(timings)
-    }
-
-    /// From predictions to the report.
-    fn solve(
-        &mut self,
-        frame: &FrameView<'_>,
-        query: &Query<'_>,
-        (sensor_camera, source, focal): (Camera, CameraSource, Focal),
-        mut timings: StageTimings,
-        on_gpu: bool,
-        stopwatch: &mut Stopwatch<'_>,
-    ) -> Result<Report, LocateError> {
-        let features = self.front_end.features();
-        correspond::from_predictions(
-            features,
-            &self.predictions,
-            &self.options,
-            &mut self.order,
-            &mut self.points,
-            &mut self.lines,
-        );
-        let mut counts = Counts {
-            num_keypoints: features.keypoints.len(),
-            num_segments: features.segments.len(),
-            num_point_correspondences: self.points.len(),
-            num_line_correspondences: self.lines.len(),
-            ..Counts::default()
-        };
-        let working = self.front_end.working_from_sensor();
-        let camera = sensor_camera.resized(&working);
-        let options = PoseOptions {
-            focal,
-            gravity: query.gravity,
-            prior: self.prior(query),
-            ..self.options.pose
-        };
-        let solved = pose::estimate(
-            &self.points,
-            &self.lines,
-            &camera,
-            &options,
-            &mut self.pose,
-            stopwatch.clock(),
-        )?;
-
-        let num_given = (self.points.len() + self.lines.len()) as u32;
-        let needed = MIN_INLIERS.max(num_given / MIN_INLIER_SHARE);
-        let found = solved
-            .located()
-            .filter(|e| e.num_point_inliers + e.num_line_inliers >= needed)
-            .copied();
-        let reason = if found.is_some() {
-            None
-        } else if counts.num_keypoints + counts.num_segments < MIN_FEATURES {
-            Some(NotLocated::FewFeatures)
-        } else {
-            Some(NotLocated::from_status(solved.status).unwrap_or(NotLocated::FewInliers))
-        };
-        let mut report_camera = sensor_camera;
-        let mut report_source = source;
-        let mut focal_sigma_ln = None;
-        let outcome = if let Some(estimate) = found {
-            if focal != Focal::Known {
-                let factor = estimate.camera.focal_px().0 / camera.focal_px().0;
-                report_camera = sensor_camera.with_focal_scaled(factor);
-                let sigma_ln = estimate.sigma_focal_px / estimate.camera.focal_px().0;
-                focal_sigma_ln = Some(sigma_ln);
-                if report_source == CameraSource::Assumed {
-                    report_source = CameraSource::Estimated;
-                }
-                let per_width = report_camera.focal_px().0 / f64::from(frame.width);
-                self.focal.learn(query.camera_name, per_width, sigma_ln);
-            }
-            let median_error_px = self.mark_inliers() / (0.5 * (working.scale_x + working.scale_y));
-            counts.num_point_inliers = count(&self.is_point_inlier);
-            counts.num_line_inliers = count(&self.is_line_inlier);
-            let smoothed = self.follow(&estimate.cam_from_world, query, focal_sigma_ln);
-            Outcome::Located(Localization {
-                cam_from_world: estimate.cam_from_world,
-                smoothed,
-                estimate,
-                median_error_px,
-                confidence: 1.0 - libm::exp(-estimate.log_evidence.max(0.0) / EVIDENCE_SCALE),
-            })
-        } else {
-            mark(&[], self.points.len(), &mut self.is_point_inlier);
-            mark(&[], self.lines.len(), &mut self.is_line_inlier);
-            if query.tracking {
-                self.track.missed();
-            }
-            Outcome::NotLocated(reason.unwrap_or(NotLocated::FewInliers))
-        };
-        timings.solve_ms = stopwatch.lap();
-        timings.total_ms = stopwatch.total();
-        let state = match (query.tracking, &outcome) {
-            (true, _) => self.track.state(),
-            (false, Outcome::Located(_)) => TrackState::Tracking,
-            (false, Outcome::NotLocated(_)) => TrackState::Searching,
-        };
-        Ok(Report {
-            outcome,
-            on_gpu,
-            camera: report_camera,
-            camera_source: report_source,
-            focal_sigma_ln,
-            counts,
-            state,
-            pose_stats: solved.stats,
-            timings,
-        })
+        self.backend.failure()
     }
 
     /// Intrinsics to start from, where they come from, and how free the focal length is.
     fn camera_for(
         &self,
-        frame: &FrameView<'_>,
+        (width, height): (u32, u32),
         query: &Query<'_>,
     ) -> Result<(Camera, CameraSource, Focal), LocateError> {
-        frame.check()?;
         if !query.timestamp_ms.is_finite() {
             return Err(LocateError::Timestamp(query.timestamp_ms));
         }
-        let (width, height) = (frame.width, frame.height);
         if let Some(camera) = query.camera {
             camera.validate()?;
             if (camera.width, camera.height) != (width, height) {
@@ -525,39 +277,5 @@ impl Relocalizer {
         let f = ASSUMED_FOCAL * f64::from(width.max(height));
         let camera = Camera::centered(width, height, f);
         Ok((camera, CameraSource::Assumed, Focal::Unknown))
-    }
-
-    fn prior(&self, query: &Query<'_>) -> Option<PriorPose> {
-        if !query.tracking {
-            return self.options.pose.prior;
-        }
-        let cam_from_world = self.track.prior(query.timestamp_ms)?;
-        Some(PriorPose {
-            cam_from_world,
-            covariance: None,
-        })
-    }
-
-    /// Updates the state over frames; the smoothed pose when smoothing is on.
-    fn follow(
-        &mut self,
-        cam_from_world: &CamFromWorld,
-        query: &Query<'_>,
-        focal_sigma_ln: Option<f64>,
-    ) -> Option<CamFromWorld> {
-        if !query.tracking {
-            return None;
-        }
-        let doubt = focal_sigma_ln
-            .filter(|sigma| *sigma > MAX_TRACKED_SIGMA_LN)
-            .map(|_| LimitedReason::FocalUncertain);
-        if self
-            .track
-            .located(cam_from_world, query.timestamp_ms, doubt)
-        {
-            self.filter.reset();
-        }
-        self.filter
-            .apply(self.options.smoothing, cam_from_world, query.timestamp_ms)
     }
 }

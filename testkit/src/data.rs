@@ -58,17 +58,35 @@ pub fn skip(reason: &str) {
     }
 }
 
-/// Records the running test as skipped because no GPU adapter is here.
+/// The device that `request` gives; where it gives none, the calling test is recorded as skipped with the reason and `None`
+/// comes back:
+///
+/// ```no_run
+/// # use landline_testkit::gpu_or_skip;
+/// # async fn request() -> Result<u32, String> { Ok(1) }
+/// # fn body() {
+/// let Some(gpu) = gpu_or_skip(request()) else { return };
+/// # }
+/// ```
 ///
 /// # Panics
 ///
 /// Under `cargo xtask test --require-gpu`: on a machine that should have an adapter, its absence is a failure.
-pub fn skip_without_gpu(why: &str) {
-    assert!(
-        std::env::var_os("LANDLINE_REQUIRE_GPU").is_none(),
-        "no GPU adapter, and --require-gpu asks for one: {why}"
-    );
-    skip(&format!("no GPU adapter: {why}"));
+#[cfg(not(target_arch = "wasm32"))]
+pub fn gpu_or_skip<D, E: std::fmt::Display>(
+    request: impl Future<Output = Result<D, E>>,
+) -> Option<D> {
+    match pollster::block_on(request) {
+        Ok(device) => Some(device),
+        Err(why) => {
+            assert!(
+                std::env::var_os("LANDLINE_REQUIRE_GPU").is_none(),
+                "no GPU adapter, and --require-gpu asks for one: {why}"
+            );
+            skip(&format!("no GPU adapter: {why}"));
+            None
+        }
+    }
 }
 
 /// The running test's name: libtest names the thread after it.

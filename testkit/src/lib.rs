@@ -8,10 +8,14 @@ mod nn_cases;
 mod parallel;
 pub mod portable;
 mod pose_scene;
+mod random_scene;
 pub mod room;
 
-pub use data::{shared_data, skip, skip_without_gpu};
+#[cfg(not(target_arch = "wasm32"))]
+pub use data::gpu_or_skip;
+pub use data::{shared_data, skip};
 pub use lsd::check_lsd_fingerprints;
 pub use memory::{CountingAllocator, allocations, peak_bytes};
 pub use nn_cases::{CPU_KINDS, NN_KINDS, NnCase, nn_case, nn_cases, random_weights};
 pub use pose_scene::{PoseScene, PoseSceneParams, pose_scene};
+pub use random_scene::{random_picture, random_scene, scaled_weights};

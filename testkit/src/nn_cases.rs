@@ -35,7 +35,7 @@ pub const NN_KINDS: [&str; 20] = [
     "keep",
 ];
 
-/// Kinds that devices refuse: their kernels read four channels at once.
+/// Kinds for widths that no network here has; every executor runs them too.
 pub const CPU_KINDS: [&str; 2] = ["attention of any depth", "soft_choice of any depth"];
 
 /// Outputs of a run, by name.

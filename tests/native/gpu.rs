@@ -2,44 +2,43 @@
 
 use std::sync::Arc;
 
-use landline::nn::gpu::{AdapterChoice, GpuDevice, GpuError, GpuNetwork, Pipelines, self_test};
-use landline_testkit::{NnCase, nn_cases, skip_without_gpu};
+use landline::nn::gpu::{
+    AdapterChoice, Fault, GpuDevice, GpuError, GpuExecutor, GpuNetwork, MAP_DEADLINE_MS, Pipelines,
+    WeightStorage, self_test,
+};
+use landline_testkit::{CPU_KINDS, NnCase, gpu_or_skip, nn_case, nn_cases};
 
-/// A device, software or not; without any the test is skipped with the reason.
-fn device() -> Option<Arc<GpuDevice>> {
-    match pollster::block_on(GpuDevice::request(AdapterChoice::Any)) {
-        Ok(gpu) => Some(gpu),
-        Err(error) => {
-            skip_without_gpu(&error.to_string());
-            None
-        }
-    }
+fn any_device() -> Option<Arc<GpuDevice>> {
+    gpu_or_skip(GpuDevice::request(AdapterChoice::Any))
 }
 
-fn run(
+fn load(
     gpu: &Arc<GpuDevice>,
     pipelines: &mut Pipelines,
     case: &NnCase,
-) -> Result<Vec<(String, Vec<f32>)>, GpuError> {
-    let mut network = GpuNetwork::new(gpu, pipelines, case.graph.clone(), case.weights.clone())?;
-    for (name, count) in &case.counts {
-        network.set_count(name, *count)?;
-    }
-    for (name, data) in &case.inputs {
-        network.write_input(name, data)?;
-    }
-    pollster::block_on(network.run(None))
+) -> Result<GpuNetwork, GpuError> {
+    pollster::block_on(GpuNetwork::new(
+        gpu,
+        pipelines,
+        case.graph.clone(),
+        case.weights.clone(),
+        WeightStorage::Exact,
+    ))
 }
 
 #[test]
 fn every_kernel_agrees_with_the_oracle_on_random_shapes() {
-    let Some(gpu) = device() else { return };
+    let Some(gpu) = any_device() else { return };
     let mut pipelines = Pipelines::new(&gpu);
     let failures: Vec<String> = nn_cases(1, 2)
         .iter()
-        .filter_map(|case| match run(&gpu, &mut pipelines, case) {
-            Ok(found) => case.difference(&found),
-            Err(error) => Some(format!("{}: {error}", case.name)),
+        .filter_map(|case| {
+            let (graph, weights) = (case.graph.clone(), case.weights.clone());
+            let mut device = GpuExecutor::new(&gpu, &mut pipelines, graph, weights).expect("loads");
+            match case.run(&mut device) {
+                Ok(found) => case.difference(&found),
+                Err(error) => Some(format!("{}: {error}", case.name)),
+            }
         })
         .collect();
     assert!(
@@ -48,6 +47,31 @@ fn every_kernel_agrees_with_the_oracle_on_random_shapes() {
         failures.len(),
         failures.join("\n")
     );
+    assert_eq!(gpu.check(), Ok(()), "the driver refused something");
+}
+
+/// Widths that are no multiple of four: no scene has them today.
+#[test]
+fn odd_widths_that_the_cpu_takes_run_on_the_device_too() {
+    let Some(gpu) = any_device() else { return };
+    let mut pipelines = Pipelines::new(&gpu);
+    let mut failures = Vec::new();
+    for kind in CPU_KINDS {
+        for seed in 0..8 {
+            let case = nn_case(kind, seed);
+            let (graph, weights) = (case.graph.clone(), case.weights.clone());
+            let mut device = GpuExecutor::new(&gpu, &mut pipelines, graph, weights).expect("loads");
+            let found = case.run(&mut device).expect("runs");
+            failures.extend(case.difference(&found));
+        }
+    }
+    assert!(
+        failures.is_empty(),
+        "{} cases differ:\n{}",
+        failures.len(),
+        failures.join("\n")
+    );
+    assert_eq!(gpu.check(), Ok(()), "the driver refused something");
 }
 
 #[test]
@@ -62,51 +86,123 @@ fn the_comparison_notices_a_kernel_that_is_one_row_off() {
 
 /// A small network that runs on the device.
 fn small(gpu: &Arc<GpuDevice>, pipelines: &mut Pipelines) -> GpuNetwork {
-    let case = &nn_cases(3, 1)[1];
-    GpuNetwork::new(gpu, pipelines, case.graph.clone(), case.weights.clone()).expect("loads")
-}
-
-#[test]
-fn two_thousand_runs_make_no_objects() {
-    let Some(gpu) = device() else { return };
-    let mut network = small(&gpu, &mut Pipelines::new(&gpu));
-    let before = gpu.num_objects_created();
-    for _ in 0..2000 {
-        pollster::block_on(network.run(None)).expect("runs");
-    }
-    assert_eq!(gpu.num_objects_created(), before);
-}
-
-#[test]
-fn a_lost_device_is_reported() {
-    let Some(gpu) = device() else { return };
-    let mut network = small(&gpu, &mut Pipelines::new(&gpu));
-    gpu.simulate_loss();
-    assert!(matches!(
-        pollster::block_on(network.run(None)),
-        Err(GpuError::Lost(_))
-    ));
+    load(gpu, pipelines, &nn_cases(3, 1)[1]).expect("loads")
 }
 
 #[test]
 fn weights_that_do_not_fit_are_refused() {
-    let Some(gpu) = device() else { return };
+    let Some(gpu) = any_device() else { return };
     let case = nn_cases(4, 1)
         .into_iter()
         .find(|case| !case.graph.weights().is_empty())
         .expect("some case has weights");
-    let made = GpuNetwork::new(
+    let made = load(
         &gpu,
         &mut Pipelines::new(&gpu),
-        case.graph,
-        landline::nn::Weights::new(),
+        &NnCase {
+            weights: landline::nn::Weights::new(),
+            ..case
+        },
     );
     assert!(matches!(made, Err(GpuError::Network(_))));
 }
 
 #[test]
-fn the_self_test_passes_here() {
-    let Some(gpu) = device() else { return };
-    let mut pipelines = Pipelines::new(&gpu);
-    pollster::block_on(self_test(&gpu, &mut pipelines, None)).expect("a conformant driver");
+fn no_adapter_and_an_adapter_below_the_guaranteed_limits_say_so() {
+    let ask = |fault| {
+        pollster::block_on(GpuDevice::request_with_fault(
+            AdapterChoice::Any,
+            Some(fault),
+        ))
+    };
+    let none = ask(Fault::NoAdapter).expect_err("there is no adapter");
+    assert!(matches!(none, GpuError::NoAdapter(_)), "{none}");
+    if any_device().is_none() {
+        return;
+    }
+    let low = ask(Fault::LowLimit).expect_err("the limit is too low");
+    let expected = GpuError::LimitTooLow {
+        limit: "maxComputeWorkgroupStorageSize",
+        found: 8192,
+        needed: 16384,
+    };
+    assert_eq!(low, expected);
+}
+
+fn tested(gpu: &Arc<GpuDevice>) -> Result<WeightStorage, GpuError> {
+    pollster::block_on(self_test(gpu, &mut Pipelines::new(gpu), None))
+}
+
+#[test]
+fn the_self_test_passes_here_with_matrices_in_16_bits() {
+    let Some(gpu) = any_device() else { return };
+    assert_eq!(tested(&gpu), Ok(WeightStorage::Exact));
+}
+
+#[test]
+fn the_self_test_finds_a_device_that_reads_16_bits_wrongly_and_goes_on_with_32() {
+    let Some(gpu) = any_device() else { return };
+    gpu.simulate(Fault::WrongHalves);
+    assert_eq!(tested(&gpu), Ok(WeightStorage::Single));
+}
+
+#[test]
+fn the_self_test_refuses_a_device_that_computes_wrongly() {
+    let Some(gpu) = any_device() else { return };
+    gpu.simulate(Fault::WrongAnswer);
+    let error = tested(&gpu).expect_err("a row is wrong");
+    assert!(matches!(error, GpuError::SelfTest { .. }), "{error}");
+}
+
+#[test]
+fn a_shader_that_the_driver_refuses_is_named() {
+    let Some(gpu) = any_device() else { return };
+    gpu.simulate(Fault::ShaderError);
+    let error = tested(&gpu).expect_err("the shaders are broken");
+    assert!(
+        matches!(&error, GpuError::Refused { what, message } if what.contains("self-test") && message.contains("missing")),
+        "{error}"
+    );
+    // It was caught where it was made, and is not held against the device itself.
+    assert_eq!(gpu.check(), Ok(()));
+}
+
+#[test]
+fn an_answer_that_does_not_come_is_given_up_and_the_next_one_is_read() {
+    let Some(gpu) = any_device() else { return };
+    let case = &nn_cases(3, 1)[1];
+    let mut network = small(&gpu, &mut Pipelines::new(&gpu));
+    let mut ask = |gpu: &GpuDevice, fault| {
+        if let Some(fault) = fault {
+            gpu.simulate(fault);
+        } else {
+            gpu.recover();
+        }
+        for (name, data) in &case.inputs {
+            network.write_input(name, data).expect("has room");
+        }
+        for (name, count) in &case.counts {
+            network.set_count(name, *count).expect("within capacity");
+        }
+        pollster::block_on(network.run(None))
+    };
+    let late = ask(&gpu, Some(Fault::LateMap)).expect_err("nothing arrives");
+    assert!(
+        matches!(late, GpuError::MapTimeout(ms) if ms >= MAP_DEADLINE_MS),
+        "{late}"
+    );
+    let found = ask(&gpu, None).expect("the buffer is free again");
+    assert_eq!(case.difference(&found), None);
+    assert_eq!(gpu.check(), Ok(()), "the driver refused something");
+}
+
+#[test]
+fn a_lost_device_is_reported() {
+    let Some(gpu) = any_device() else { return };
+    let mut network = small(&gpu, &mut Pipelines::new(&gpu));
+    gpu.simulate(Fault::Lost);
+    assert!(matches!(
+        pollster::block_on(network.run(None)),
+        Err(GpuError::Lost(_))
+    ));
 }

@@ -7,52 +7,19 @@ use landline::{
     math::Rng,
     models::{
         AnchoredLineConfig, AnchoredPointConfig, ExtractorKind, LineBranchConfig, LinePool,
-        PointBranchConfig, TensorSpec, ports,
+        PointBranchConfig, ports,
     },
     nn::{
-        Executor, WeightTensor, Weights,
+        Activation, AxisMap, Dense, Executor, Filter, GraphBuilder, WeightTensor, Weights,
         cpu::CpuExecutor,
-        gpu::{AdapterChoice, FrameResult, GpuDevice, GpuFrame, GpuPart, Pipelines},
+        gpu::{
+            AdapterChoice, FrameParts, FramePorts, FrameResult, GpuDevice, GpuError, GpuFrame,
+            GpuPart, GpuSelect, PictureParts, Pipelines, WeightStorage,
+        },
     },
 };
-use landline_testkit::skip_without_gpu;
-
-/// Small random weights; scaled by the number of inputs so that activations neither vanish nor grow.
-pub(crate) fn random_weights(specs: &[TensorSpec], rng: &mut Rng) -> Weights {
-    let mut weights = Weights::new();
-    for spec in specs {
-        let fan_in: usize = spec.shape.iter().skip(1).product();
-        let bound = (6.0 / fan_in as f64).sqrt().min(1.0);
-        let len = spec.shape.iter().product();
-        let data = if spec.name.ends_with("sharpness") {
-            vec![20.0]
-        } else {
-            (0..len).map(|_| rng.range(-bound, bound) as f32).collect()
-        };
-        weights.insert(
-            spec.name.clone(),
-            WeightTensor::f32(&spec.shape, data).expect("lengths agree"),
-        );
-    }
-    weights
-}
-
-/// A picture with structure at several scales.
-pub(crate) fn picture(width: usize, height: usize, rng: &mut Rng) -> GrayImage {
-    let mut data = Vec::with_capacity(width * height);
-    for y in 0..height {
-        for x in 0..width {
-            let wave =
-                (0.31 * x as f64).sin() * (0.17 * y as f64).cos() + (0.05 * (x * y) as f64).sin();
-            data.push((128.0 + 40.0 * wave + rng.range(-30.0, 30.0)).clamp(0.0, 255.0) as u8);
-        }
-    }
-    GrayImage {
-        data,
-        width,
-        height,
-    }
-}
+use landline_testkit::{gpu_or_skip, random_picture, scaled_weights};
+use std::sync::Arc;
 
 fn segments(num: usize, width: usize, height: usize, rng: &mut Rng) -> Vec<Segment2> {
     let mut pixel = || Pixel::new(rng.range(0.0, width as f64), rng.range(0.0, height as f64));
@@ -166,13 +133,17 @@ fn compare(features: &FeatureSet, coordinates: &[f32], found: &FrameResult) -> (
     )
 }
 
+fn load(gpu: &Arc<GpuDevice>, parts: FrameParts) -> GpuFrame {
+    let mut pipelines = Pipelines::new(gpu);
+    pollster::block_on(GpuFrame::new(gpu, &mut pipelines, parts)).expect("loads")
+}
+
 fn check(kind: ExtractorKind, width: usize, height: usize, min_heat: f32, max_keypoints: usize) {
-    let gpu = match pollster::block_on(GpuDevice::request(AdapterChoice::Any)) {
-        Ok(gpu) => gpu,
-        Err(error) => return skip_without_gpu(&error.to_string()),
+    let Some(gpu) = gpu_or_skip(GpuDevice::request(AdapterChoice::Any)) else {
+        return;
     };
     let mut rng = Rng::from_seed(11);
-    let weights = random_weights(&kind.tensors(), &mut rng);
+    let weights = scaled_weights(&kind.tensors(), &mut rng);
     let mut options = ExtractorOptions {
         max_segments: 30,
         ..ExtractorOptions::new(kind)
@@ -185,13 +156,13 @@ fn check(kind: ExtractorKind, width: usize, height: usize, min_heat: f32, max_ke
             GpuPart {
                 graph: point.graph(max_keypoints).expect("builds"),
                 weights: point
-                    .prepare(&mut random_weights(&point.tensors(), &mut rng))
+                    .prepare(&mut scaled_weights(&point.tensors(), &mut rng))
                     .expect("prepares"),
             },
             GpuPart {
                 graph: line.graph(30).expect("builds"),
                 weights: line
-                    .prepare(&mut random_weights(&line.tensors(), &mut rng))
+                    .prepare(&mut scaled_weights(&line.tensors(), &mut rng))
                     .expect("prepares"),
             },
         ]
@@ -199,12 +170,13 @@ fn check(kind: ExtractorKind, width: usize, height: usize, min_heat: f32, max_ke
         Vec::new()
     };
     let mut extractor = Extractor::new(kind, weights.clone(), options).expect("makes");
-    let built =
-        frame_parts(kind, &weights, &options, (width, height), parts.clone()).expect("fits");
-    let mut frame = GpuFrame::new(&gpu, &mut Pipelines::new(&gpu), built).expect("loads");
+    let size = (width, height);
+    let storage = WeightStorage::Exact;
+    let built = frame_parts(kind, &weights, &options, size, parts.clone(), storage).expect("fits");
+    let mut frame = load(&gpu, built);
     let made = gpu.num_objects_created();
     for num_segments in [7, 0, 30] {
-        let gray = picture(width, height, &mut rng);
+        let gray = random_picture(width, height, &mut rng);
         let segments = segments(num_segments, width, height, &mut rng);
         let (features, coordinates) = on_cpu(&mut extractor, &parts, &gray, &segments);
         let mut input = vec![0.0; width * height];
@@ -254,6 +226,7 @@ fn check(kind: ExtractorKind, width: usize, height: usize, min_heat: f32, max_ke
         assert!(worst < 1e-3, "lines off by {worst}");
     }
     assert_eq!(gpu.num_objects_created(), made, "a frame made objects");
+    assert_eq!(gpu.check(), Ok(()), "the driver refused something");
     assert!(
         frame.readback_bytes() < 50_000,
         "{} bytes read back",
@@ -281,51 +254,207 @@ fn superpoint_selects_the_same_keypoints() {
     check(ExtractorKind::SuperPointOpen, 96, 72, 0.0, 60);
 }
 
-/// What a frame asks of a device, for every scene preset: numbers that stand in docs/benchmarks/gpu.md too.
+/// Names of the tiny frame's tensors.
+const TINY: FramePorts = FramePorts {
+    gray: "gray",
+    features: "features",
+    cells: "cells",
+    positions: "positions",
+    samples: "samples",
+    descriptors: "descriptors",
+    tokens: "tokens",
+    points: "points",
+    segments: "segments",
+};
+const TINY_SIDE: usize = 16;
+const TINY_TOKENS: usize = 3;
+const TINY_SEGMENTS: usize = 5;
+
+/// A frame with everything that a real one has, small enough to run by the thousand on a software device.
+fn tiny_parts(side: usize) -> FrameParts {
+    let part = |g: GraphBuilder| {
+        let graph = g.finish().expect("a valid graph");
+        let weights = scaled_weights(graph.weights(), &mut Rng::from_seed(8));
+        GpuPart { graph, weights }
+    };
+    let mut g = GraphBuilder::new("tiny extractor");
+    let x = g.input_grid(TINY.gray, side, side, 1);
+    let maps = g.conv3x3(x, Dense::new("maps", 8).activation(Activation::Relu));
+    let heat = g.linear(maps, Dense::new("heat", 1).activation(Activation::Sigmoid));
+    g.output("heat", heat);
+    let cells = g.avg_pool(maps, 8);
+    let features = g.l2_norm(cells, 1e-12);
+    g.output(TINY.features, features);
+    let extractor = part(g);
+    let sampler = |capacity: usize| {
+        let mut g = GraphBuilder::new("tiny sampler");
+        let samples = g.count(TINY.samples, capacity);
+        let cells = g.input_grid(TINY.cells, side / 8, side / 8, 8);
+        let at = g.input_rows(TINY.positions, samples, 2);
+        let axis = AxisMap {
+            scale: 0.125,
+            offset: -0.5,
+        };
+        let read = g.sample(cells, at, Filter::Bilinear, axis, axis);
+        let unit = g.l2_norm(read, 1e-12);
+        g.output(TINY.descriptors, unit);
+        part(g)
+    };
+    let mut g = GraphBuilder::new("tiny branch");
+    let points = g.count(TINY.points, 20);
+    let segments = g.count(TINY.segments, TINY_SEGMENTS);
+    let x = g.input_rows(TINY.descriptors, points, 8);
+    let t = g.input_tokens(TINY.tokens, segments, TINY_TOKENS, 8);
+    let attended = g.attention([x, t, t], 2, 0.5, None);
+    let y = g.linear(attended, Dense::new("y", 3));
+    g.output("coordinates", y);
+    let branch = part(g);
+    FrameParts {
+        picture: PictureParts {
+            extractor,
+            select: GpuSelect {
+                heat: "heat",
+                reliability: None,
+                radius: 1,
+                min_heat: 0.0,
+                border: 0,
+                capacity: 20,
+                scale: [1.0, 1.0],
+            },
+            point_sampler: sampler(20),
+            line_sampler: Some(sampler(TINY_SEGMENTS * TINY_TOKENS)),
+        },
+        tokens: TINY_TOKENS,
+        branches: vec![branch],
+        ports: TINY,
+        storage: WeightStorage::Exact,
+    }
+}
+
+fn tiny_picture(side: usize) -> Vec<f32> {
+    let mut rng = Rng::from_seed(5);
+    (0..side * side).map(|_| rng.uniform() as f32).collect()
+}
+
+fn run_tiny(frame: &mut GpuFrame, side: usize, num_segments: usize) -> FrameResult {
+    frame.submit(&tiny_picture(side)).expect("submits");
+    let at = vec![0.4 * side as f32; 2 * TINY_TOKENS * num_segments];
+    pollster::block_on(frame.finish(&at, None)).expect("finishes")
+}
+
+#[test]
+fn two_thousand_frames_make_no_objects_and_all_answer_alike() {
+    let Some(gpu) = gpu_or_skip(GpuDevice::request(AdapterChoice::Any)) else {
+        return;
+    };
+    let mut frame = load(&gpu, tiny_parts(TINY_SIDE));
+    let expected = [0, 2, 5].map(|n| run_tiny(&mut frame, TINY_SIDE, n));
+    assert_eq!(expected[0].scores.len(), 20, "the picture has keypoints");
+    assert_ne!(expected[1], expected[0], "segments matter");
+    let (made, alive) = (gpu.num_objects_created(), gpu.num_objects_alive());
+    assert!(alive.is_some_and(|n| n > 0));
+    for i in 0..2000 {
+        let found = run_tiny(&mut frame, TINY_SIDE, [0, 2, 5][i % 3]);
+        assert_eq!(found, expected[i % 3], "frame {i}");
+    }
+    assert_eq!(gpu.num_objects_created(), made);
+    assert_eq!(
+        gpu.num_objects_alive(),
+        alive,
+        "by the driver layer's own books"
+    );
+    assert_eq!(gpu.check(), Ok(()));
+}
+
+#[test]
+fn bad_input_is_refused_before_it_reaches_the_device() {
+    let Some(gpu) = gpu_or_skip(GpuDevice::request(AdapterChoice::Any)) else {
+        return;
+    };
+    let mut frame = load(&gpu, tiny_parts(TINY_SIDE));
+    let expected = run_tiny(&mut frame, TINY_SIDE, TINY_SEGMENTS);
+    assert_eq!(frame.max_segments(), TINY_SEGMENTS);
+
+    // More segments than there is room for.
+    frame.submit(&tiny_picture(TINY_SIDE)).expect("submits");
+    let at = vec![1.0; 2 * TINY_TOKENS * (TINY_SEGMENTS + 1)];
+    let error = pollster::block_on(frame.finish(&at, None)).expect_err("too many segments");
+    assert!(matches!(error, GpuError::Network(_)), "{error}");
+
+    // A picture of another size than announced, smaller and larger.
+    for side in [8, 24] {
+        let error = frame.submit(&tiny_picture(side)).expect_err("another size");
+        assert!(matches!(error, GpuError::Unsupported { .. }), "{error}");
+    }
+
+    // A flat picture: no keypoint.
+    frame
+        .submit(&[0.5; TINY_SIDE * TINY_SIDE])
+        .expect("submits");
+    pollster::block_on(frame.finish(&[], None)).expect("no keypoint and no segment are valid");
+
+    // Announced sizes may change, and back; what is kept on the device still works.
+    let mut pipelines = Pipelines::new(&gpu);
+    for side in [24, TINY_SIDE] {
+        let picture = tiny_parts(side).picture;
+        pollster::block_on(frame.resize(&mut pipelines, picture)).expect("another size");
+        run_tiny(&mut frame, side, 1);
+    }
+    assert_eq!(run_tiny(&mut frame, TINY_SIDE, TINY_SEGMENTS), expected);
+    assert_eq!(gpu.check(), Ok(()), "the driver refused something");
+}
+
+/// What a frame asks of a device, for every extractor and scene preset: numbers that stand in docs/benchmarks/gpu.md too.
 #[test]
 fn a_frame_costs_what_the_table_says() {
-    use landline::models::{Preset, RegressorConfig};
+    use landline::models::{Preset, RegressorConfig, V1Config};
     use landline::regress::network_parts;
-    let gpu = match pollster::block_on(GpuDevice::request(AdapterChoice::Any)) {
-        Ok(gpu) => gpu,
-        Err(error) => return skip_without_gpu(&error.to_string()),
-    };
     let table = include_str!("../../docs/benchmarks/gpu.md");
     let mut rng = Rng::from_seed(1);
-    let kind = ExtractorKind::Xfeat;
-    let weights = random_weights(&kind.tensors(), &mut rng);
-    let mut options = ExtractorOptions {
-        max_segments: 300,
-        ..ExtractorOptions::new(kind)
-    };
-    options.keypoints.max_keypoints = 1024;
+    let xfeat = ExtractorKind::Xfeat;
+    let superpoint = ExtractorKind::SuperPointV1;
+    let preset =
+        |preset, kind: ExtractorKind| RegressorConfig::preset(preset, kind.descriptor_channels());
+    let rows = [
+        (xfeat, "compact", preset(Preset::Compact, xfeat)),
+        (xfeat, "standard", preset(Preset::Standard, xfeat)),
+        (xfeat, "paper", preset(Preset::Paper, xfeat)),
+        (superpoint, "paper", preset(Preset::Paper, superpoint)),
+        (superpoint, "v1", RegressorConfig::V1(V1Config::paper())),
+    ];
     let mut missing = Vec::new();
-    for preset in [Preset::Compact, Preset::Standard, Preset::Paper] {
-        let config = RegressorConfig::preset(preset, 64);
-        let made = network_parts(
-            &config,
-            random_weights(&config.tensors(), &mut rng),
-            1024,
-            300,
-        )
-        .expect("prepares");
+    for (kind, name, config) in rows {
+        // As in files of 16 bits.
+        let weights = in_16_bits(&scaled_weights(&kind.tensors(), &mut rng));
+        let mut options = ExtractorOptions {
+            max_segments: 300,
+            ..ExtractorOptions::new(kind)
+        };
+        options.keypoints.max_keypoints = 1024;
+        let scene_weights = in_16_bits(&scaled_weights(&config.tensors(), &mut rng));
+        let made = network_parts(&config, scene_weights, 1024, 300).expect("prepares");
         let branches = made
             .into_iter()
             .map(|(graph, weights)| GpuPart { graph, weights })
             .collect();
-        let parts = frame_parts(kind, &weights, &options, (640, 480), branches).expect("fits");
-        let frame = GpuFrame::new(&gpu, &mut Pipelines::new(&gpu), parts).expect("loads");
-        let cost = frame.cost();
+        let size = (640, 480);
+        let storage = WeightStorage::Exact;
+        let parts = frame_parts(kind, &weights, &options, size, branches, storage).expect("fits");
+        let (cost, readback_bytes) = parts.cost().expect("lowers");
+        let mb = |bytes: u64| bytes as f64 / 1e6;
         let row = format!(
-            "| {} | {} | {:.0} | {:.2} | {:.1} | {:.1} | {:.1} |",
-            preset.name(),
+            "| {} | {name} | {} | {:.0} | {:.1} | {:.1} | {:.2} | {:.1} | {:.1} | {:.1} |",
+            kind.name(),
             cost.dispatches,
-            cost.bytes_moved as f64 / 1e6,
+            mb(cost.bytes_moved),
+            mb(cost.weight_bytes_read),
+            mb(cost.bytes_copied),
             2.0 * cost.macs as f64 / 1e9,
-            cost.arena_bytes as f64 / 1e6,
-            cost.weight_bytes as f64 / 1e6,
-            frame.readback_bytes() as f64 / 1e3,
+            mb(cost.arena_bytes),
+            mb(cost.weight_bytes),
+            readback_bytes as f64 / 1e3,
         );
+        assert!(readback_bytes < 50_000, "{readback_bytes} bytes read back");
         if !table.contains(&row) {
             missing.push(row);
         }
@@ -335,4 +464,14 @@ fn a_frame_costs_what_the_table_says() {
         "docs/benchmarks/gpu.md lacks\n{}",
         missing.join("\n")
     );
+}
+
+/// The same weights rounded to 16 bits, as a file in that precision has them.
+fn in_16_bits(weights: &Weights) -> Weights {
+    let rounded = weights.iter().map(|(name, tensor)| {
+        let numbers = tensor.to_f32().into_iter().map(half::f16::from_f32);
+        let tensor = WeightTensor::f16(tensor.shape(), numbers.collect()).expect("lengths agree");
+        (name.to_owned(), tensor)
+    });
+    rounded.collect()
 }

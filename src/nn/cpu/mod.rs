@@ -96,7 +96,7 @@ impl CpuExecutor {
         let last_use = last_weight_uses(&graph);
         let mut prepared = Vec::with_capacity(graph.nodes().len());
         for (step, node) in graph.nodes().iter().enumerate() {
-            for id in weights_of(&node.op) {
+            for id in node.op.weights() {
                 if taken[id.0].is_none() {
                     let spec = graph.weight(id);
                     taken[id.0] = Some(weights.take_f32(&spec.name, &spec.shape)?);
@@ -160,7 +160,7 @@ impl CpuExecutor {
                 _ => Prepared::None,
             };
             prepared.push(entry);
-            for id in weights_of(&node.op) {
+            for id in node.op.weights() {
                 if last_use[id.0] == step {
                     taken[id.0] = None;
                 }
@@ -527,26 +527,11 @@ fn pack(
     }
 }
 
-fn weights_of(op: &Op) -> Vec<WeightId> {
-    match op {
-        Op::Conv3x3 { weight, bias, .. } | Op::Linear { weight, bias, .. } => {
-            std::iter::once(*weight).chain(*bias).collect()
-        }
-        Op::LayerNorm { gain, bias, .. } => vec![*gain, *bias],
-        Op::SoftChoice {
-            keys,
-            values,
-            sharpness,
-        } => vec![*keys, *values, *sharpness],
-        _ => Vec::new(),
-    }
-}
-
 /// Last operation that needs each weight.
 fn last_weight_uses(graph: &Graph) -> Vec<usize> {
     let mut last = vec![0; graph.weights().len()];
     for (step, node) in graph.nodes().iter().enumerate() {
-        for id in weights_of(&node.op) {
+        for id in node.op.weights() {
             last[id.0] = step;
         }
     }

@@ -1,7 +1,7 @@
 //! Adapter, device and queue, with what has to be known when they fail: loss, refused commands, object counts.
 
 use std::sync::{
-    Arc, Mutex,
+    Arc, Mutex, PoisonError,
     atomic::{AtomicU32, Ordering},
 };
 
@@ -17,6 +17,25 @@ pub enum AdapterChoice {
     Any,
 }
 
+/// What can go wrong with a device, acted out so that the way back to the CPU can be tested anywhere.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fault {
+    /// No adapter is found.
+    NoAdapter,
+    /// The adapter has half the workgroup memory that WebGPU guarantees.
+    LowLimit,
+    /// The shaders that are made from now on have an error in them.
+    ShaderError,
+    /// The products that are made from now on are wrong in every fourth row.
+    WrongAnswer,
+    /// Matrices in 16 bits are read wrongly by the shaders that are made from now on.
+    WrongHalves,
+    /// Results never arrive.
+    LateMap,
+    /// The device is gone, as after a reset of the driver.
+    Lost,
+}
+
 /// What became of the device.
 #[derive(Debug, Default)]
 struct Health {
@@ -28,9 +47,12 @@ struct Health {
 pub struct GpuDevice {
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
+    #[cfg(not(target_arch = "wasm32"))]
+    instance: wgpu::Instance,
     info: wgpu::AdapterInfo,
     health: Arc<Health>,
     created: AtomicU32,
+    fault: Mutex<Option<Fault>>,
 }
 
 impl core::fmt::Debug for GpuDevice {
@@ -47,7 +69,7 @@ pub(super) fn needed_limits() -> wgpu::Limits {
 }
 
 /// Compares what an adapter offers with what the kernels need.
-pub(super) fn check_limits(found: &wgpu::Limits) -> Result<(), GpuError> {
+fn check_limits(found: &wgpu::Limits) -> Result<(), GpuError> {
     let needed = needed_limits();
     let rows: [(&'static str, u64, u64); 7] = [
         (
@@ -104,11 +126,28 @@ impl GpuDevice {
     /// # Errors
     /// [`GpuError::NoAdapter`], [`GpuError::SoftwareAdapter`], [`GpuError::LimitTooLow`], [`GpuError::NoDevice`].
     pub async fn request(choice: AdapterChoice) -> Result<Arc<Self>, GpuError> {
+        Self::request_with_fault(choice, None).await
+    }
+
+    /// The same with something wrong from the start: for tests of the recovery.
+    ///
+    /// # Errors
+    /// Those of [`Self::request`].
+    pub async fn request_with_fault(
+        choice: AdapterChoice,
+        fault: Option<Fault>,
+    ) -> Result<Arc<Self>, GpuError> {
         let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
         descriptor.backends = wgpu::Backends::BROWSER_WEBGPU
             | wgpu::Backends::VULKAN
             | wgpu::Backends::METAL
             | wgpu::Backends::DX12;
+        if fault == Some(Fault::NoAdapter) {
+            if cfg!(target_arch = "wasm32") {
+                return Err(GpuError::NoAdapter("none, on request".to_owned()));
+            }
+            descriptor.backends = wgpu::Backends::empty();
+        }
         let instance = wgpu::Instance::new(descriptor);
         let adapter = instance
             .request_adapter(&wgpu::RequestAdapterOptions {
@@ -121,7 +160,12 @@ impl GpuDevice {
         if choice == AdapterChoice::Hardware && info.device_type == wgpu::DeviceType::Cpu {
             return Err(GpuError::SoftwareAdapter(info.name));
         }
-        check_limits(&adapter.limits())?;
+        let mut limits = adapter.limits();
+        if fault == Some(Fault::LowLimit) {
+            limits.max_compute_workgroup_storage_size =
+                needed_limits().max_compute_workgroup_storage_size / 2;
+        }
+        check_limits(&limits)?;
         let (device, queue) = adapter
             .request_device(&wgpu::DeviceDescriptor {
                 label: Some("landline"),
@@ -139,13 +183,20 @@ impl GpuDevice {
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
             note(&of_refusal.refused, error.to_string());
         }));
-        Ok(Arc::new(Self {
+        let gpu = Arc::new(Self {
             device,
             queue,
+            #[cfg(not(target_arch = "wasm32"))]
+            instance,
             info,
             health,
             created: AtomicU32::new(0),
-        }))
+            fault: Mutex::new(None),
+        });
+        if let Some(fault) = fault {
+            gpu.simulate(fault);
+        }
+        Ok(gpu)
     }
 
     /// Name, driver and kind of the adapter, for reports. Browsers say little.
@@ -183,15 +234,79 @@ impl GpuDevice {
         Ok(())
     }
 
+    /// Makes objects of the device and waits for its opinion of them: what it refuses comes back as an error here, and does
+    /// not reach the console of a browser.
+    ///
+    /// # Errors
+    /// [`GpuError::Refused`], or that of `make`.
+    pub(super) async fn attempt<T>(
+        &self,
+        what: &str,
+        make: impl FnOnce() -> Result<T, GpuError>,
+    ) -> Result<T, GpuError> {
+        self.check()?;
+        let of_memory = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
+        let of_validation = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
+        let made = make();
+        // Both are taken off before either is waited for: scopes are a stack.
+        let refused = [
+            Box::pin(of_validation.pop()) as Refusal,
+            Box::pin(of_memory.pop()),
+        ];
+        let mut message = None;
+        for error in refused {
+            message = message.or(error.await.map(|error| error.to_string()));
+        }
+        self.check()?;
+        match message {
+            Some(message) => Err(GpuError::Refused {
+                what: what.to_owned(),
+                message,
+            }),
+            None => made,
+        }
+    }
+
     /// Number of buffers, bind groups, shaders and pipelines made so far: it stands still once the networks are loaded.
     pub fn num_objects_created(&self) -> u32 {
         self.created.load(Ordering::Relaxed)
     }
 
-    /// Ends the device as a driver reset would: for tests of the recovery.
-    pub fn simulate_loss(&self) {
-        self.device.destroy();
-        note(&self.health.lost, "destroyed on request".to_owned());
+    /// Number of buffers, bind groups, shaders and pipelines that are alive by the driver layer's own books, which also
+    /// have what was made in passing; `None` in browsers, which do not tell.
+    #[cfg(not(target_arch = "wasm32"))]
+    pub fn num_objects_alive(&self) -> Option<usize> {
+        let report = self.instance.generate_report()?;
+        let hub = report.hub_report();
+        let kinds = [
+            &hub.buffers,
+            &hub.bind_groups,
+            &hub.bind_group_layouts,
+            &hub.shader_modules,
+            &hub.compute_pipelines,
+            &hub.command_buffers,
+            &hub.command_encoders,
+        ];
+        Some(kinds.iter().map(|kind| kind.num_kept_from_user).sum())
+    }
+
+    /// Lets something go wrong from now on: for tests of the recovery.
+    pub fn simulate(&self, fault: Fault) {
+        *self.fault.lock().unwrap_or_else(PoisonError::into_inner) = Some(fault);
+        if fault == Fault::Lost {
+            self.device.destroy();
+            note(&self.health.lost, "destroyed on request".to_owned());
+        }
+    }
+
+    /// Ends what [`Self::simulate`] began; a device that was lost stays so.
+    pub fn recover(&self) {
+        *self.fault.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+
+    /// What is being acted out.
+    pub(super) fn fault(&self) -> Option<Fault> {
+        *self.fault.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Counts an object that is about to be made.
@@ -217,18 +332,17 @@ impl GpuDevice {
     }
 }
 
+/// What a scope of errors has caught, once the device has got there.
+type Refusal = core::pin::Pin<Box<dyn Future<Output = Option<wgpu::Error>>>>;
+
 /// Keeps the first message; a poisoned lock means a panic elsewhere and changes nothing here.
 fn note(slot: &Mutex<Option<String>>, message: String) {
-    let mut slot = slot
-        .lock()
-        .unwrap_or_else(std::sync::PoisonError::into_inner);
+    let mut slot = slot.lock().unwrap_or_else(PoisonError::into_inner);
     slot.get_or_insert(message);
 }
 
 fn read(slot: &Mutex<Option<String>>) -> Option<String> {
-    slot.lock()
-        .unwrap_or_else(std::sync::PoisonError::into_inner)
-        .clone()
+    slot.lock().unwrap_or_else(PoisonError::into_inner).clone()
 }
 
 #[cfg(test)]

@@ -5,17 +5,12 @@ use std::sync::Arc;
 use super::{
     device::GpuDevice,
     error::GpuError,
-    fuse::fuse,
-    lower::{Dispatch, Lowering},
+    network::{GpuCost, LoweredNetwork},
     pipelines::{PARAMS_STRIDE, Pipelines},
     readback::{Timer, read_mapped},
-    select::{GpuSelect, Selected},
+    storage::WeightStorage,
 };
-use crate::nn::{
-    Graph, NnError, Op, Weights,
-    plan::Plan,
-    shape::{CountId, Tensor},
-};
+use crate::nn::{Graph, Tensor, Weights, shape::CountId};
 
 /// A kernel call that is ready to be encoded.
 struct Step {
@@ -24,79 +19,28 @@ struct Step {
     groups: [u32; 3],
 }
 
-/// What a run costs at full capacity, from the plan: no device is needed to know it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct GpuCost {
-    /// Kernel calls.
-    pub dispatches: usize,
-    /// Bytes of activations that the kernels read and write (each tensor once per operation).
-    pub bytes_moved: u64,
-    /// Multiply-adds.
-    pub macs: u64,
-    /// Bytes of the activation arena.
-    pub arena_bytes: u64,
-    /// Bytes of the weights.
-    pub weight_bytes: u64,
-}
-
 /// A network on the device.
 ///
-/// Counts and inputs are written, [`Self::encode`] records the work, [`Self::read`] waits for outputs. Nothing is
-/// allocated on the device after [`Self::new`].
+/// Counts and inputs are written, [`Self::encode`] records the work, [`Self::run`] does both and waits for the outputs.
+/// Nothing is allocated on the device after [`Self::new`].
 pub struct GpuNetwork {
     gpu: Arc<GpuDevice>,
-    graph: Graph,
-    plan: Plan,
+    lowered: LoweredNetwork,
     arena: wgpu::Buffer,
     counts: wgpu::Buffer,
     staging: wgpu::Buffer,
     bind_group: wgpu::BindGroup,
     steps: Vec<Step>,
-    bytes_moved: u64,
-    selected: Selected,
-    host_counts: Vec<u32>,
-    weight_bytes: u64,
+    host_counts: Vec<usize>,
+    has_run: bool,
 }
 
 impl core::fmt::Debug for GpuNetwork {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.debug_struct("GpuNetwork")
-            .field("graph", &self.graph.name())
+            .field("graph", &self.lowered.graph.name())
             .finish_non_exhaustive()
     }
-}
-
-/// Weights of a convolution from `[out, in, 3, 3]` to `[out, 3 * 3, in]`: the order in which the kernels walk them.
-fn tap_major(weight: &[f32], in_channels: usize) -> Vec<f32> {
-    let mut packed = Vec::with_capacity(weight.len());
-    for of_output in weight.chunks_exact(9 * in_channels) {
-        for tap in 0..9 {
-            packed.extend((0..in_channels).map(|channel| of_output[channel * 9 + tap]));
-        }
-    }
-    packed
-}
-
-/// All weights in one run of numbers, and where each starts.
-fn pack(graph: &Graph, mut weights: Weights) -> Result<(Vec<f32>, Vec<usize>), NnError> {
-    let mut is_conv = vec![false; graph.weights().len()];
-    for node in graph.nodes() {
-        if let Op::Conv3x3 { weight, .. } = node.op {
-            is_conv[weight.0] = true;
-        }
-    }
-    let mut packed = Vec::with_capacity(graph.num_parameters());
-    let mut offsets = Vec::with_capacity(is_conv.len());
-    for (spec, is_conv) in graph.weights().iter().zip(is_conv) {
-        offsets.push(packed.len());
-        let weight = weights.take_f32(&spec.name, &spec.shape)?;
-        if is_conv {
-            packed.extend(tap_major(&weight, spec.shape[1]));
-        } else {
-            packed.extend(weight);
-        }
-    }
-    Ok((packed, offsets))
 }
 
 impl GpuNetwork {
@@ -105,85 +49,51 @@ impl GpuNetwork {
     /// # Errors
     /// [`GpuError::Network`] for weights that do not fit, [`GpuError::TooLarge`], [`GpuError::Unsupported`],
     /// [`GpuError::Refused`].
-    pub fn new(
+    pub async fn new(
         gpu: &Arc<GpuDevice>,
         pipelines: &mut Pipelines,
         graph: Graph,
         weights: Weights,
+        storage: WeightStorage,
     ) -> Result<Self, GpuError> {
-        Self::with_selection(gpu, pipelines, graph, weights, None)
+        let lowered = LoweredNetwork::new(graph, weights, storage, None)?;
+        let what = format!("network `{}`", lowered.graph.name());
+        gpu.attempt(&what, || Self::load(gpu, pipelines, lowered))
+            .await
     }
 
-    /// The same with a keypoint selection behind the network.
-    pub(super) fn with_selection(
+    /// Makes the objects; the caller watches over them with [`GpuDevice::attempt`].
+    pub(super) fn load(
         gpu: &Arc<GpuDevice>,
         pipelines: &mut Pipelines,
-        graph: Graph,
-        weights: Weights,
-        select: Option<&GpuSelect>,
+        mut lowered: LoweredNetwork,
     ) -> Result<Self, GpuError> {
         use wgpu::BufferUsages as Usage;
-        gpu.check()?;
-        let (packed, weight_offsets) = pack(&graph, weights)?;
-        let (units, planned) = fuse(&graph);
-        let plan = Plan::new(&planned);
-        let lowering = Lowering {
-            graph: &graph,
-            plan: &plan,
-            weight_offsets: &weight_offsets,
-        };
-        let mut dispatches: Vec<Dispatch> = Vec::new();
-        for unit in &units {
-            dispatches.extend(lowering.lower(unit)?);
-        }
-        let selected = match select {
-            Some(select) => {
-                let (more, selected) = select.lower(&graph, &plan)?;
-                dispatches.extend(more);
-                selected
-            }
-            None => Selected {
-                arena_len: plan.arena_len,
-                num_counts: graph.counts().len(),
-                ..Selected::default()
-            },
-        };
-        let arena_bytes = 4 * selected.arena_len as u64;
-        let weight_bytes = 4 * packed.len() as u64;
-        let limit = super::device::needed_limits().max_storage_buffer_binding_size;
-        for (what, needed) in [("activations", arena_bytes), ("weights", weight_bytes)] {
-            if needed > limit {
-                return Err(GpuError::TooLarge {
-                    network: graph.name().to_owned(),
-                    what,
-                    needed,
-                    limit,
-                });
-            }
-        }
-        let label = |what: &str| format!("{} {what}", graph.name());
+        let label = |what: &str| format!("{} {what}", lowered.graph.name());
         let arena = gpu.buffer(
             &label("activations"),
-            arena_bytes,
+            lowered.arena_bytes(),
             Usage::STORAGE | Usage::COPY_SRC | Usage::COPY_DST,
         );
-        let weight_buffer = gpu.buffer(
+        let weights = gpu.buffer(
             &label("weights"),
-            weight_bytes,
+            lowered.weights.bytes(),
             Usage::STORAGE | Usage::COPY_DST,
         );
         gpu.queue
-            .write_buffer(&weight_buffer, 0, bytemuck::cast_slice(&packed));
-        let host_counts: Vec<u32> = graph.capacities().into_iter().map(|n| n as u32).collect();
+            .write_buffer(&weights, 0, bytemuck::cast_slice(&lowered.weights.words));
+        let host_counts = lowered.graph.capacities();
+        let words: Vec<u32> = host_counts.iter().map(|&n| n as u32).collect();
         let counts = gpu.buffer(
             &label("counts"),
-            4 * selected.num_counts as u64,
+            4 * lowered.selected.num_counts as u64,
             Usage::STORAGE | Usage::COPY_SRC | Usage::COPY_DST,
         );
         gpu.queue
-            .write_buffer(&counts, 0, bytemuck::cast_slice(&host_counts));
-        let mut blocks = vec![0_u32; dispatches.len().max(1) * PARAMS_STRIDE / 4];
-        for (block, dispatch) in blocks.chunks_exact_mut(PARAMS_STRIDE / 4).zip(&dispatches) {
+            .write_buffer(&counts, 0, bytemuck::cast_slice(&words));
+        let stride = PARAMS_STRIDE / 4;
+        let mut blocks = vec![0_u32; lowered.dispatches.len().max(1) * stride];
+        for (block, dispatch) in blocks.chunks_exact_mut(stride).zip(&lowered.dispatches) {
             block[..dispatch.params.words().len()].copy_from_slice(dispatch.params.words());
         }
         let params = gpu.buffer(
@@ -193,45 +103,18 @@ impl GpuNetwork {
         );
         gpu.queue
             .write_buffer(&params, 0, bytemuck::cast_slice(&blocks));
-        let outputs: u64 = graph
-            .outputs()
-            .iter()
-            .map(|port| 4 * Self::most_numbers(&graph, &port.tensor) as u64)
-            .sum();
         let staging = gpu.buffer(
             &label("staging"),
-            outputs + 4 * host_counts.len() as u64,
+            lowered.output_bytes(),
             Usage::MAP_READ | Usage::COPY_DST,
         );
-        gpu.count_created();
-        let bind_group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some(graph.name()),
-            layout: &pipelines.layout,
-            entries: &[
-                wgpu::BindGroupEntry {
-                    binding: 0,
-                    resource: wgpu::BindingResource::Buffer(wgpu::BufferBinding {
-                        buffer: &params,
-                        offset: 0,
-                        size: core::num::NonZeroU64::new(PARAMS_STRIDE as u64),
-                    }),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 1,
-                    resource: arena.as_entire_binding(),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 2,
-                    resource: weight_buffer.as_entire_binding(),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 3,
-                    resource: counts.as_entire_binding(),
-                },
-            ],
-        });
-        let mut steps = Vec::with_capacity(dispatches.len());
-        for (index, dispatch) in dispatches.iter().enumerate() {
+        let bind_group = pipelines.bind(
+            gpu,
+            lowered.graph.name(),
+            [&params, &arena, &weights, &counts],
+        );
+        let mut steps = Vec::with_capacity(lowered.dispatches.len());
+        for (index, dispatch) in lowered.dispatches.iter().enumerate() {
             steps.push(Step {
                 pipeline: pipelines.get(
                     gpu,
@@ -243,36 +126,24 @@ impl GpuNetwork {
                 groups: dispatch.groups.map(|n| n as u32),
             });
         }
-        let capacities = graph.capacities();
-        let bytes_moved = planned
-            .nodes()
-            .iter()
-            .map(|node| graph.node_bytes(node, &capacities))
-            .sum();
-        gpu.check()?;
+        // They are on the device now.
+        lowered.weights.words = Vec::new();
         Ok(Self {
             gpu: Arc::clone(gpu),
-            graph,
-            plan,
+            lowered,
             arena,
             counts,
             staging,
             bind_group,
             steps,
-            bytes_moved,
-            selected,
             host_counts,
-            weight_bytes,
+            has_run: false,
         })
-    }
-
-    fn most_numbers(graph: &Graph, tensor: &Tensor) -> usize {
-        tensor.rows.at(&graph.capacities()) * tensor.channels
     }
 
     /// The graph that is run.
     pub fn graph(&self) -> &Graph {
-        &self.graph
+        &self.lowered.graph
     }
 
     /// The device that it runs on.
@@ -282,29 +153,28 @@ impl GpuNetwork {
 
     /// What a run costs at full capacity.
     pub fn cost(&self) -> GpuCost {
-        let capacities = self.graph.capacities();
-        GpuCost {
-            dispatches: self.steps.len(),
-            bytes_moved: self.bytes_moved,
-            macs: self.graph.macs(&capacities),
-            arena_bytes: 4 * self.selected.arena_len as u64,
-            weight_bytes: self.weight_bytes,
-        }
+        self.lowered.cost()
+    }
+
+    /// What was loaded.
+    pub(super) fn lowered(&self) -> &LoweredNetwork {
+        &self.lowered
     }
 
     /// Sets a run-time number of rows.
     ///
     /// # Errors
-    /// [`NnError::UnknownName`], [`NnError::CountTooLarge`], [`NnError::CountIsDerived`].
+    /// [`NnError::UnknownName`](crate::nn::NnError::UnknownName),
+    /// [`NnError::CountTooLarge`](crate::nn::NnError::CountTooLarge),
+    /// [`NnError::CountIsDerived`](crate::nn::NnError::CountIsDerived); nothing has reached the device then.
     pub fn set_count(&mut self, name: &str, count: usize) -> Result<(), GpuError> {
-        let mut counts: Vec<usize> = self.host_counts.iter().map(|&n| n as usize).collect();
-        self.graph.set_count(&mut counts, name, count)?;
-        let CountId(id) = self.graph.count(name)?;
-        self.host_counts[id] = counts[id] as u32;
+        let graph = &self.lowered.graph;
+        graph.set_count(&mut self.host_counts, name, count)?;
+        let CountId(id) = graph.count(name)?;
         self.gpu.queue.write_buffer(
             &self.counts,
             4 * id as u64,
-            bytemuck::bytes_of(&self.host_counts[id]),
+            bytemuck::bytes_of(&(count as u32)),
         );
         Ok(())
     }
@@ -312,33 +182,30 @@ impl GpuNetwork {
     /// Uploads an input: rows times channels numbers at the current count, row-major.
     ///
     /// # Errors
-    /// [`NnError::UnknownName`]; [`GpuError::Unsupported`] when there are more numbers than room.
+    /// [`NnError::UnknownName`](crate::nn::NnError::UnknownName); [`GpuError::Unsupported`] when there are more numbers than
+    /// room.
     pub fn write_input(&self, name: &str, data: &[f32]) -> Result<(), GpuError> {
-        let tensor = self.graph.input(name)?;
-        let room = Self::most_numbers(&self.graph, &tensor);
+        let tensor = self.lowered.graph.input(name)?;
+        let room = self.lowered.most_numbers(&tensor);
         if data.len() > room {
             return Err(GpuError::Unsupported {
-                network: self.graph.name().to_owned(),
+                network: self.lowered.graph.name().to_owned(),
                 op: "input",
                 problem: format!("`{name}` got {} numbers, room is for {room}", data.len()),
             });
         }
         self.gpu.queue.write_buffer(
             &self.arena,
-            self.byte_offset(&tensor),
+            self.lowered.byte_offset(&tensor),
             bytemuck::cast_slice(data),
         );
         Ok(())
     }
 
-    fn byte_offset(&self, tensor: &Tensor) -> u64 {
-        4 * (self.plan.offsets[tensor.value.0] + tensor.offset) as u64
-    }
-
     /// Records the kernel calls of one run.
-    pub fn encode(&self, encoder: &mut wgpu::CommandEncoder) {
+    pub(super) fn encode(&self, encoder: &mut wgpu::CommandEncoder) {
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-            label: Some(self.graph.name()),
+            label: Some(self.lowered.graph.name()),
             timestamp_writes: None,
         });
         for step in &self.steps {
@@ -349,21 +216,13 @@ impl GpuNetwork {
         }
     }
 
-    /// Where a named tensor lies in the arena, for copies between networks: buffer, byte offset, bytes at full capacity.
-    ///
-    /// # Errors
-    /// [`NnError::UnknownName`].
+    /// Where a tensor lies: buffer, byte offset, bytes at full capacity.
     pub(super) fn place_of(&self, tensor: &Tensor) -> (&wgpu::Buffer, u64, u64) {
         (
             &self.arena,
-            self.byte_offset(tensor),
-            4 * Self::most_numbers(&self.graph, tensor) as u64,
+            self.lowered.byte_offset(tensor),
+            4 * self.lowered.most_numbers(tensor) as u64,
         )
-    }
-
-    /// Where the selection behind this network leaves its results.
-    pub(super) fn selected(&self) -> Selected {
-        self.selected
     }
 
     /// The arena.
@@ -376,60 +235,72 @@ impl GpuNetwork {
         &self.counts
     }
 
+    /// Records the copy of counts and outputs to a staging buffer from byte `at` on; where it ends.
+    pub(super) fn encode_outputs(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        staging: &wgpu::Buffer,
+        mut at: u64,
+    ) -> u64 {
+        let bytes = 4 * self.host_counts.len() as u64;
+        encoder.copy_buffer_to_buffer(&self.counts, 0, staging, at, bytes);
+        at += bytes;
+        for port in self.lowered.graph.outputs() {
+            let (buffer, offset, bytes) = self.place_of(&port.tensor);
+            encoder.copy_buffer_to_buffer(buffer, offset, staging, at, bytes);
+            at += bytes;
+        }
+        at
+    }
+
+    /// Takes apart what [`Self::encode_outputs`] copied: outputs by name at their run-time number of rows.
+    pub(super) fn parse_outputs(&self, take: &mut impl FnMut(usize) -> Vec<u32>) -> Outputs {
+        let counts: Vec<usize> = take(self.host_counts.len())
+            .iter()
+            .map(|&n| n as usize)
+            .collect();
+        let outputs = self.lowered.graph.outputs().iter();
+        outputs
+            .map(|port| {
+                let all = take(self.lowered.most_numbers(&port.tensor));
+                let filled = (port.tensor.rows.at(&counts) * port.tensor.channels).min(all.len());
+                let numbers = all[..filled].iter().map(|&word| f32::from_bits(word));
+                (port.name.clone(), numbers.collect())
+            })
+            .collect()
+    }
+
     /// Runs once and reads every output: the simple form, for tests and for networks used alone.
     ///
     /// # Errors
     /// Any [`GpuError`] of the device.
-    pub async fn run(
-        &mut self,
-        timer: Option<&Timer>,
-    ) -> Result<Vec<(String, Vec<f32>)>, GpuError> {
+    pub async fn run(&mut self, timer: Option<&Timer>) -> Result<Outputs, GpuError> {
         self.gpu.check()?;
         let mut encoder = self
             .gpu
             .device
             .create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         self.encode(&mut encoder);
-        let counts_bytes = 4 * self.host_counts.len() as u64;
-        encoder.copy_buffer_to_buffer(&self.counts, 0, &self.staging, 0, counts_bytes);
-        let mut bytes = counts_bytes;
-        for port in self.graph.outputs() {
-            let (buffer, offset, length) = self.place_of(&port.tensor);
-            encoder.copy_buffer_to_buffer(buffer, offset, &self.staging, bytes, length);
-            bytes += length;
-        }
+        let bytes = self.encode_outputs(&mut encoder, &self.staging, 0);
         self.gpu.queue.submit([encoder.finish()]);
-        let graph = &self.graph;
-        let num_counts = self.host_counts.len();
-        read_mapped(&self.gpu, &self.staging, bytes, timer, |view| {
-            let words: &[u32] = bytemuck::cast_slice(view);
-            let (counts, mut rest) = words.split_at(num_counts);
-            let counts: Vec<usize> = counts.iter().map(|&n| n as usize).collect();
-            let mut outputs = Vec::new();
-            for port in graph.outputs() {
-                let (all, tail) = rest.split_at(Self::most_numbers(graph, &port.tensor));
-                rest = tail;
-                let filled = port.tensor.rows.at(&counts) * port.tensor.channels;
-                let data = all[..filled]
-                    .iter()
-                    .map(|&word| f32::from_bits(word))
-                    .collect();
-                outputs.push((port.name.clone(), data));
-            }
-            outputs
+        let is_first = !std::mem::replace(&mut self.has_run, true);
+        let this = &*self;
+        read_mapped(&this.gpu, &this.staging, bytes, is_first, timer, |view| {
+            this.parse_outputs(&mut words_of(view))
         })
         .await
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// Outputs by name.
+pub type Outputs = Vec<(String, Vec<f32>)>;
 
-    #[test]
-    fn convolution_weights_are_packed_tap_by_tap() {
-        let weight: Vec<f32> = (0..18).map(|n| n as f32).collect();
-        let packed = tap_major(&weight, 2);
-        assert_eq!(packed[..6], [0.0, 9.0, 1.0, 10.0, 2.0, 11.0]);
+/// Takes words off the front of bytes that were read back.
+pub(super) fn words_of(bytes: &[u8]) -> impl FnMut(usize) -> Vec<u32> {
+    let mut rest: &[u32] = bytemuck::cast_slice(bytes);
+    move |n| {
+        let (head, tail) = rest.split_at(n.min(rest.len()));
+        rest = tail;
+        head.to_vec()
     }
 }

@@ -4,6 +4,7 @@ use super::{
     error::GpuError,
     fuse::{StemLayer, Unit},
     pipelines::Params,
+    storage::WeightPlace,
 };
 use crate::nn::{
     Activation, Filter, Graph, Node, Op,
@@ -18,10 +19,13 @@ const FIXED: usize = u32::MAX as usize;
 const MAX_GROUPS: usize = 65535;
 
 /// Most tokens per element that `wgsl/token_pool.wgsl` has room for.
-const MAX_TOKENS: usize = 32;
+const MAX_TOKENS: usize = 64;
 
-/// Widest head or descriptor: what fits twice into 16 KiB of workgroup memory with 16 rows a tile.
-const MAX_HEAD: usize = 64;
+/// Widest head or descriptor: a thread keeps its query in registers, and beyond this they do not suffice anywhere.
+const MAX_WIDTH: usize = 256;
+
+/// Bytes of workgroup memory that WebGPU guarantees.
+const WORKGROUP_BYTES: usize = 16384;
 
 /// One kernel call.
 #[derive(Debug, Clone)]
@@ -37,8 +41,8 @@ pub(super) struct Dispatch {
 pub(super) struct Lowering<'a> {
     pub(super) graph: &'a Graph,
     pub(super) plan: &'a Plan,
-    /// First number of each weight in the weight buffer.
-    pub(super) weight_offsets: &'a [usize],
+    /// Where each weight lies in the weight buffer.
+    pub(super) places: &'a [WeightPlace],
 }
 
 fn code(activation: Activation) -> usize {
@@ -48,6 +52,11 @@ fn code(activation: Activation) -> usize {
         Activation::Gelu => 2,
         Activation::Sigmoid => 3,
     }
+}
+
+/// Rows of keys and values that fit into workgroup memory at once, with one more word for each.
+fn tile(numbers_a_row: usize) -> usize {
+    (WORKGROUP_BYTES / (4 * (numbers_a_row + 1))).clamp(1, 16)
 }
 
 /// Spreads workgroups over two axes, because one holds at most [`MAX_GROUPS`].
@@ -63,7 +72,12 @@ impl Lowering<'_> {
     }
 
     fn weight(&self, id: WeightId) -> usize {
-        self.weight_offsets[id.0]
+        self.places[id.0].word
+    }
+
+    /// The WGSL constant that says how a matrix is stored.
+    fn is_half(&self, name: &str, id: WeightId) -> String {
+        format!("const {name}: bool = {};\n", self.places[id.0].is_half)
     }
 
     fn most_rows(&self, tensor: &Tensor) -> usize {
@@ -114,13 +128,13 @@ impl Lowering<'_> {
             .ok_or_else(|| self.unsupported(op, "its picture has no size".to_owned()))
     }
 
-    /// A quarter of a head's or descriptor's width, which the kernels read four numbers at a time.
-    fn quarter(&self, op: &'static str, width: usize) -> Result<usize, GpuError> {
-        if width == 0 || width % 4 != 0 || width > MAX_HEAD {
-            let problem = format!("a width of {width} is not a multiple of 4 up to {MAX_HEAD}");
+    /// The width of a head or descriptor, if its kernel has room for it.
+    fn width(&self, op: &'static str, width: usize) -> Result<usize, GpuError> {
+        if !(1..=MAX_WIDTH).contains(&width) {
+            let problem = format!("a width of {width}, at most {MAX_WIDTH}");
             return Err(self.unsupported(op, problem));
         }
-        Ok(width / 4)
+        Ok(width)
     }
 
     /// The kernel calls of one operation or of several fused ones, in order.
@@ -167,7 +181,7 @@ impl Lowering<'_> {
         let groups = [to.width.div_ceil(4), to.height.div_ceil(4), 1];
         Ok(vec![Dispatch {
             kernel: "stem",
-            constants: String::new(),
+            constants: self.is_half("A_HALF", a.weight) + &self.is_half("B_HALF", b.weight),
             params,
             groups,
         }])
@@ -192,29 +206,40 @@ impl Lowering<'_> {
             one(kernel, params.u("tiles_x", gx), [gx, gy, 1])
         };
         match &node.op {
+            // One channel a group: no product, a factor for each number.
             Op::Linear {
                 weight,
                 bias,
                 groups,
                 activation,
-            } => {
-                let (depth, columns) = (x.channels / groups, y.channels / groups);
-                let tiles = self.most_rows(y).div_ceil(32);
-                if tiles > MAX_GROUPS {
-                    return Err(
-                        self.unsupported(name, format!("{} rows are too many", self.most_rows(y)))
-                    );
-                }
+            } if *groups == x.channels && *groups == y.channels => {
                 let params = rows(Params::default(), "rows", y.rows);
                 let params = self.place(self.place(params, "x", x), "y", y);
                 let params = self.place_optional(params, "r", "has_residual", second);
                 let params = self
                     .bias(params, *bias)
                     .u("w_offset", self.weight(*weight))
-                    .u("depth", depth)
-                    .u("columns", columns)
+                    .u("channels", y.channels)
                     .u("activation", code(*activation));
-                one("linear", params, [columns.div_ceil(32), tiles, *groups])
+                by_number("affine", params)
+            }
+            Op::Linear {
+                weight,
+                bias,
+                groups,
+                activation,
+            } => {
+                let params = rows(Params::default(), "rows", y.rows);
+                let params = self.place(self.place(params, "x", x), "y", y);
+                let params = self.place_optional(params, "r", "has_residual", second);
+                let params = self.bias(params, *bias);
+                let depth = x.channels / groups;
+                Ok(vec![self.product(
+                    "linear",
+                    params,
+                    (*weight, *groups, depth, code(*activation)),
+                    y,
+                )])
             }
             Op::Conv3x3 {
                 weight,
@@ -223,25 +248,29 @@ impl Lowering<'_> {
                 activation,
             } => {
                 let (from, to) = (self.grid(name, x)?, self.grid(name, y)?);
-                let small = x.channels <= 4;
-                let (pixels, columns) = if small { (64, 8) } else { (32, 32) };
-                let (tiles_y, tiles_z) = spread(to.pixels().div_ceil(pixels));
                 let params = self.place(self.place(Params::default(), "x", x), "y", y);
                 let params = self.place_optional(params, "r", "has_residual", second);
                 let params = self
                     .bias(sizes(params, from, to), *bias)
-                    .u("w_offset", self.weight(*weight))
                     .u("in_channels", x.channels)
+                    .u("stride", *stride);
+                let activation = code(*activation);
+                if x.channels > 4 {
+                    let product = (*weight, 1, 9 * x.channels, activation);
+                    return Ok(vec![self.product("conv3x3", params, product, y)]);
+                }
+                let (tiles_y, tiles_z) = spread(to.pixels().div_ceil(64));
+                let params = params
+                    .u("w_offset", self.weight(*weight))
                     .u("columns", y.channels)
-                    .u("stride", *stride)
                     .u("tiles_y", tiles_y)
-                    .u("activation", code(*activation));
-                let kernel = if small { "conv3x3_small" } else { "conv3x3" };
-                one(
-                    kernel,
+                    .u("activation", activation);
+                Ok(vec![Dispatch {
+                    kernel: "conv3x3_small",
+                    constants: self.is_half("W_HALF", *weight),
                     params,
-                    [y.channels.div_ceil(columns), tiles_y, tiles_z],
-                )
+                    groups: [y.channels.div_ceil(8), tiles_y, tiles_z],
+                }])
             }
             Op::Activate { activation } | Op::Add { activation } => {
                 let params = rows(Params::default(), "rows", y.rows);
@@ -298,8 +327,9 @@ impl Lowering<'_> {
                 masked,
             } => {
                 let (k, v) = (&node.inputs[1], &node.inputs[2]);
-                let d = self.quarter(name, k.channels / heads)?;
-                let e = self.quarter(name, v.channels / heads)?;
+                let d = self.width(name, k.channels / heads)?;
+                let e = self.width(name, v.channels / heads)?;
+                let tile = tile(d.next_multiple_of(4) + e.next_multiple_of(4));
                 let params = rows(rows(Params::default(), "rows", x.rows), "keys", k.rows);
                 let params = self.place(self.place(params, "q", x), "k", k);
                 let params = self.place(self.place(params, "v", v), "y", y);
@@ -310,7 +340,9 @@ impl Lowering<'_> {
                     .f("scale", *scale);
                 Ok(vec![Dispatch {
                     kernel: "attention",
-                    constants: format!("const D4: u32 = {d}u;\nconst E4: u32 = {e}u;"),
+                    constants: format!(
+                        "const D: u32 = {d}u;\nconst E: u32 = {e}u;\nconst TILE: u32 = {tile}u;\n"
+                    ),
                     params,
                     groups: [self.most_rows(x).div_ceil(64).max(1), *heads, 1],
                 }])
@@ -357,7 +389,9 @@ impl Lowering<'_> {
                 values,
                 sharpness,
             } => {
-                let d = self.quarter(name, x.channels)?;
+                let d = self.width(name, x.channels)?;
+                let v = self.width(name, y.channels)?;
+                let tile = tile(d.next_multiple_of(4) + v);
                 let shape = &self.graph.weight(*keys).shape;
                 let params = self.place(rows(Params::default(), "rows", x.rows), "x", x);
                 let params = self.place(self.place(params, "y", y), "s", &node.outputs[1]);
@@ -368,12 +402,45 @@ impl Lowering<'_> {
                     .u("anchors", shape.first().copied().unwrap_or(0));
                 Ok(vec![Dispatch {
                     kernel: "soft_choice",
-                    constants: format!("const D4: u32 = {d}u;\nconst V: u32 = {}u;", y.channels),
+                    constants: format!(
+                        "const D: u32 = {d}u;\nconst V: u32 = {v}u;\nconst TILE: u32 = {tile}u;\n"
+                    ) + &self.is_half("KEYS_HALF", *keys)
+                        + &self.is_half("VALUES_HALF", *values),
                     params,
                     groups: [self.most_rows(x).div_ceil(64).max(1), 1, 1],
                 }])
             }
             Op::Keep { min_logit } => self.keep(node, *min_logit),
+        }
+    }
+
+    /// A product of rows with a matrix; `params` say where its operands lie.
+    fn product(
+        &self,
+        kernel: &'static str,
+        params: Params,
+        (weight, groups, depth, activation): (WeightId, usize, usize, usize),
+        y: &Tensor,
+    ) -> Dispatch {
+        let columns = y.channels / groups;
+        let tiles = self.most_rows(y).div_ceil(32).max(1);
+        let tiles_y = tiles.min(MAX_GROUPS);
+        let params = params
+            .u("w_offset", self.weight(weight))
+            .u("groups", groups)
+            .u("depth", depth)
+            .u("columns", columns)
+            .u("tiles_y", tiles_y)
+            .u("activation", activation);
+        Dispatch {
+            kernel,
+            constants: self.is_half("W_HALF", weight),
+            params,
+            groups: [
+                columns.div_ceil(32),
+                tiles_y,
+                groups * tiles.div_ceil(tiles_y),
+            ],
         }
     }
 

@@ -40,6 +40,8 @@ pub(super) struct Selected {
     pub(super) arena_len: usize,
     /// Entries that the counts buffer needs in all.
     pub(super) num_counts: usize,
+    /// Bytes that the selection reads and writes, each map once per kernel call.
+    pub(super) bytes_moved: u64,
 }
 
 impl GpuSelect {
@@ -160,7 +162,18 @@ impl GpuSelect {
                 .f("scale_y", self.scale[1]),
             groups: [1, 1, 1],
         });
+        // Marking and XFeat's one call touch two maps, the others three; compaction reads the scores twice. What is behind it
+        // works on candidates, which are few.
+        let of_peaks = modes
+            .iter()
+            .map(|mode| if matches!(mode, 0 | 4) { 2 } else { 3 });
+        let maps = of_peaks.sum::<usize>() + 2;
+        let cell_numbers = reliability.map_or(0, |tensor| {
+            tensor.rows.at(&graph.capacities()) * tensor.channels
+        });
+        let numbers = maps * pixels + cell_numbers + 4 * blocks + 3 * self.capacity;
         let selected = Selected {
+            bytes_moved: 4 * numbers as u64,
             positions,
             scores: chosen,
             count: kept_count,

@@ -4,7 +4,7 @@
 
 @group(0) @binding(0) var<uniform> p: Params;
 @group(0) @binding(1) var<storage, read_write> arena: array<f32>;
-@group(0) @binding(2) var<storage, read> weights: array<f32>;
+@group(0) @binding(2) var<storage, read> weights: array<u32>;
 @group(0) @binding(3) var<storage, read_write> counts: array<u32>;
 
 const FIXED: u32 = 0xffffffffu;
@@ -15,6 +15,18 @@ const LOWEST: f32 = -3.0e38;
 fn rows_of(count: u32, per: u32) -> u32 {
     if count == FIXED { return per; }
     return counts[count] * per;
+}
+
+// A weight that is stored in 32 bits.
+fn weight(index: u32) -> f32 { return bitcast<f32>(weights[index]); }
+
+// Number `index` of a matrix that starts at word `first`, stored in 32 bits, or two to a word in 16 (widening is exact).
+fn of_matrix(first: u32, index: u32, is_half: bool) -> f32 {
+    if is_half {
+        let pair = unpack2x16float(weights[first + index / 2u]);
+        return select(pair.x, pair.y, index % 2u == 1u);
+    }
+    return bitcast<f32>(weights[first + index]);
 }
 
 // Error function by a Chebyshev fit of erfc, fractional error below 1.2e-7 (Numerical Recipes, section 6.2).

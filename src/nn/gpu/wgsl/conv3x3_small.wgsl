@@ -16,16 +16,16 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         let x0 = p.x_offset + (u32(iy) * p.in_width + u32(ix)) * p.x_stride;
         for (var c = 0u; c < p.in_channels; c += 1u) {
             let a = arena[x0 + c];
-            let w0 = p.w_offset + column0 * depth + tap * p.in_channels + c;
+            let w0 = column0 * depth + tap * p.in_channels + c;
             for (var j = 0u; j < columns; j += 1u) {
-                sum[j] = fma(a, weights[w0 + j * depth], sum[j]);
+                sum[j] = fma(a, of_matrix(p.w_offset, w0 + j * depth, W_HALF), sum[j]);
             }
         }
     }
     for (var j = 0u; j < columns; j += 1u) {
         let channel = column0 + j;
         var y = sum[j];
-        if p.has_bias != 0u { y += weights[p.bias_offset + channel]; }
+        if p.has_bias != 0u { y += weight(p.bias_offset + channel); }
         if p.has_residual != 0u { y += arena[p.r_offset + pixel * p.r_stride + channel]; }
         arena[p.y_offset + pixel * p.y_stride + channel] = activate(y, p.activation);
     }

@@ -39,7 +39,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     if p.centred != 0u {
         let inverse = 1.0 / sqrt(squares / f32(p.channels) + p.eps);
         for (var c = lane; c < p.channels; c += 64u) {
-            arena[y0 + c] = (arena[x0 + c] - mean) * inverse * weights[p.gain_offset + c] + weights[p.bias_offset + c];
+            arena[y0 + c] = (arena[x0 + c] - mean) * inverse * weight(p.gain_offset + c) + weight(p.bias_offset + c);
         }
     } else {
         let inverse = 1.0 / max(sqrt(squares), p.eps);

@@ -1,21 +1,29 @@
-// Soft choice among anchors, streaming: one row a thread, anchors in tiles of 16; a second walk measures the spread about
-// the mean, since the difference of squares would lose it. The host gives `D4` (a quarter of the descriptor) and `V`
-// (numbers per value). Twin of cpu/kernels/soft_choice.
-var<workgroup> keys: array<vec4<f32>, 16 * D4>;
-var<workgroup> values: array<f32, 16 * V>;
+// Soft choice among anchors, streaming: one row a thread, anchors in tiles of `TILE`; a second walk measures the spread about
+// the mean, since the difference of squares would lose it. The host gives the descriptor's width `D`, the numbers per value
+// `V`, and as many anchors a tile as workgroup memory holds. Twin of cpu/kernels/soft_choice.
+const D4: u32 = (D + 3u) / 4u;
+var<workgroup> keys: array<vec4<f32>, TILE * D4>;
+var<workgroup> values: array<f32, TILE * V>;
+
+// Number `c` of an anchor's key; zero past its end.
+fn key_number(anchor: u32, c: u32) -> f32 {
+    if c >= D { return 0.0; }
+    return of_matrix(p.keys_offset, anchor * D + c, KEYS_HALF);
+}
 
 fn load_tile(k0: u32, lane: u32) {
-    for (var i = lane; i < 16u * D4; i += 64u) {
+    for (var i = lane; i < TILE * D4; i += 64u) {
+        let anchor = k0 + i / D4;
+        let c = 4u * (i % D4);
         var key = vec4<f32>(0.0);
-        if k0 + i / D4 < p.anchors {
-            let at = p.keys_offset + k0 * 4u * D4 + 4u * i;
-            key = vec4<f32>(weights[at], weights[at + 1u], weights[at + 2u], weights[at + 3u]);
+        if anchor < p.anchors {
+            key = vec4<f32>(key_number(anchor, c), key_number(anchor, c + 1u), key_number(anchor, c + 2u), key_number(anchor, c + 3u));
         }
         keys[i] = key;
     }
-    for (var i = lane; i < 16u * V; i += 64u) {
+    for (var i = lane; i < TILE * V; i += 64u) {
         var value = 0.0;
-        if k0 + i / V < p.anchors { value = weights[p.values_offset + k0 * V + i]; }
+        if k0 + i / V < p.anchors { value = of_matrix(p.values_offset, k0 * V + i, VALUES_HALF); }
         values[i] = value;
     }
 }
@@ -24,13 +32,10 @@ fn load_tile(k0: u32, lane: u32) {
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let row = group.x * 64u + lane;
     let inside = row < rows_of(p.rows_count, p.rows_per);
-    let sharpness = weights[p.sharpness_offset];
+    let sharpness = weight(p.sharpness_offset);
     var x: array<vec4<f32>, D4>;
     if inside {
-        for (var i = 0u; i < D4; i += 1u) {
-            let at = p.x_offset + row * p.x_stride + 4u * i;
-            x[i] = vec4<f32>(arena[at], arena[at + 1u], arena[at + 2u], arena[at + 3u]);
-        }
+        for (var c = 0u; c < D; c += 1u) { x[c / 4u][c % 4u] = arena[p.x_offset + row * p.x_stride + c]; }
     }
     var mean: array<f32, V>;
     var best = LOWEST;
@@ -38,10 +43,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     var largest = LOWEST;
     var weight_sum = 0.0;
     var score_sum = 0.0;
-    for (var k0 = 0u; k0 < p.anchors; k0 += 16u) {
+    for (var k0 = 0u; k0 < p.anchors; k0 += TILE) {
         load_tile(k0, lane);
         workgroupBarrier();
-        for (var j = 0u; j < min(16u, p.anchors - k0); j += 1u) {
+        for (var j = 0u; j < min(TILE, p.anchors - k0); j += 1u) {
             var s = 0.0;
             for (var i = 0u; i < D4; i += 1u) { s += dot(x[i], keys[j * D4 + i]); }
             if s > best { second = best; best = s; } else { second = max(second, s); }
@@ -63,10 +68,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     }
     for (var i = 0u; i < V; i += 1u) { mean[i] /= weight_sum; }
     var spread = 0.0;
-    for (var k0 = 0u; k0 < p.anchors; k0 += 16u) {
+    for (var k0 = 0u; k0 < p.anchors; k0 += TILE) {
         load_tile(k0, lane);
         workgroupBarrier();
-        for (var j = 0u; j < min(16u, p.anchors - k0); j += 1u) {
+        for (var j = 0u; j < min(TILE, p.anchors - k0); j += 1u) {
             var s = 0.0;
             for (var i = 0u; i < D4; i += 1u) { s += dot(x[i], keys[j * D4 + i]); }
             var distance = 0.0;

@@ -33,12 +33,12 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
             var value = 0.0;
             // Outside the picture the second convolution sees its border of zeros, not the first one's response.
             if x >= 0 && y >= 0 && x < i32(p.in_width) && y < i32(p.in_height) {
-                value = weights[p.a_bias + c];
+                value = weight(p.a_bias + c);
                 for (var tap = 0u; tap < 9u; tap += 1u) {
-                    value = fma(gray[(py + tap / 3u) * 12u + px + tap % 3u], weights[p.a_offset + c * 9u + tap], value);
+                    value = fma(gray[(py + tap / 3u) * 12u + px + tap % 3u], of_matrix(p.a_offset, c * 9u + tap, A_HALF), value);
                 }
                 value = max(value, 0.0);
-                if p.a_post != 0u { value = value * weights[p.a_post_scale + c] + weights[p.a_post_bias + c]; }
+                if p.a_post != 0u { value = value * weight(p.a_post_scale + c) + weight(p.a_post_bias + c); }
             }
             hidden[i] = value;
         }
@@ -47,11 +47,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
             let h0 = ((local.y + tap / 3u) * 10u + local.x + tap % 3u) * 16u;
             for (var c = 0u; c < 16u; c += 1u) {
                 let h = hidden[h0 + c];
-                let w0 = p.b_offset + tap * p.hidden_channels + c0 + c;
+                let w0 = tap * p.hidden_channels + c0 + c;
                 let step = 9u * p.hidden_channels;
                 for (var o = 0u; o < p.columns / 4u; o += 1u) {
                     let w = w0 + 4u * o * step;
-                    sum[o] = fma(vec4<f32>(h), vec4<f32>(weights[w], weights[w + step], weights[w + 2u * step], weights[w + 3u * step]), sum[o]);
+                    let b = vec4<f32>(of_matrix(p.b_offset, w, B_HALF), of_matrix(p.b_offset, w + step, B_HALF),
+                                      of_matrix(p.b_offset, w + 2u * step, B_HALF), of_matrix(p.b_offset, w + 3u * step, B_HALF));
+                    sum[o] = fma(vec4<f32>(h), b, sum[o]);
                 }
             }
         }
@@ -62,8 +64,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     for (var c0 = 0u; c0 < p.columns; c0 += 16u) {
         for (var c = 0u; c < min(16u, p.columns - c0); c += 1u) {
             let channel = c0 + c;
-            var value = max(sum[channel / 4u][channel % 4u] + weights[p.b_bias + channel], 0.0);
-            if p.b_post != 0u { value = value * weights[p.b_post_scale + channel] + weights[p.b_post_bias + channel]; }
+            var value = max(sum[channel / 4u][channel % 4u] + weight(p.b_bias + channel), 0.0);
+            if p.b_post != 0u { value = value * weight(p.b_post_scale + channel) + weight(p.b_post_bias + channel); }
             pooled[lane * 16u + c] = value;
         }
         workgroupBarrier();

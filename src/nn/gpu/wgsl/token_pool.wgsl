@@ -1,7 +1,7 @@
-// One query per element and head over the element's own tokens (at most 32): mean of the tokens weighted by a softmax.
+// One query per element and head over the element's own tokens (at most 64): mean of the tokens weighted by a softmax.
 // One workgroup an element and head. Twin of cpu/kernels/token_pool.
 var<workgroup> partial: array<f32, 64>;
-var<workgroup> scores: array<f32, 32>;
+var<workgroup> scores: array<f32, 64>;
 
 @compute @workgroup_size(64, 1, 1)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {

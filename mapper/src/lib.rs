@@ -3,6 +3,7 @@
 pub mod augment;
 pub mod cmd;
 pub mod dataset;
+pub mod device;
 pub mod draw;
 pub mod eval;
 pub mod export;

@@ -2,6 +2,7 @@
 
 use crate::cmd::labels::TeachingArgs;
 use crate::dataset::{Dataset, DatasetImage, Split, open};
+use crate::device::{self, Device};
 use crate::eval::{
     EvalOptions, Evaluation, Evaluator, Landmarks, LineTruth, Subject, baseline_size, table,
     to_json, write_report,
@@ -13,6 +14,7 @@ use crate::progress::Progress;
 use crate::scene::{KernelArgs, front_end_options, read_scene, relocalizer};
 use crate::{export, overlay};
 use anyhow::{Context, Result, bail};
+use landline::relocalizer::RelocalizerOptions;
 use landline::scene_file::SceneFile;
 use std::path::{Path, PathBuf};
 
@@ -45,6 +47,9 @@ pub struct Args {
     max_lines: Option<usize>,
     #[command(flatten)]
     kernels: KernelArgs,
+    /// What runs the networks.
+    #[arg(long, value_enum, default_value_t)]
+    device: Device,
     /// Solve each picture so many times, with different seeds; figures are of all of them.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=100))]
     seeds: u64,
@@ -99,11 +104,13 @@ pub fn run(args: Args) -> Result<()> {
         Landmarks::from_labels(labels, most)
     });
     let lines = labels.as_ref().map(LineTruth::from_labels);
-    let mut relocalizer = relocalizer(scene.clone(), extractor, |options| {
+    let change = |options: &mut RelocalizerOptions| {
         options.max_points = args.max_points.unwrap_or(options.max_points);
         options.max_lines = args.max_lines.unwrap_or(options.max_lines);
         options.kernels = args.kernels.level();
-    })?;
+    };
+    let mut relocalizer = relocalizer(scene.clone(), extractor.clone(), change)?;
+    let runs_on = device::place(&mut relocalizer, args.device, &scene, &extractor, change)?;
     let bar = Progress::Terminal.bar("locating", tests.len());
     let options = EvalOptions {
         extraction: Some(&extraction),
@@ -124,7 +131,13 @@ pub fn run(args: Args) -> Result<()> {
             serde_json::to_string_pretty(&to_json(&evaluation, &subject))?
         );
     } else {
-        println!("{}: {num_bytes} bytes", subject.scene);
+        println!(
+            "{}: {num_bytes} bytes, networks on {runs_on}",
+            subject.scene
+        );
+        if let Some(why) = relocalizer.gpu_failure() {
+            println!("later on the CPU: {why}");
+        }
         print!("{}", table(&evaluation));
     }
     if let Some(folder) = &args.report {

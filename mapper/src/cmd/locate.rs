@@ -1,13 +1,17 @@
 //! `landline locate`: the camera pose of pictures.
 
 use crate::dataset::camera::CameraRecord;
+use crate::device::{self, Device};
+use crate::eval::PoseError;
 use crate::overlay;
 use crate::picture;
 use crate::scene::{ExtractorArgs, KernelArgs, read_scene, relocalizer};
 use anyhow::{Context, Result, ensure};
 use landline::geometry::Camera;
 use landline::image::{FrameView, PixelFormat};
-use landline::relocalizer::{CameraSource, Outcome, Query, Relocalizer, Report};
+use landline::relocalizer::{
+    CameraSource, Outcome, Query, Relocalizer, RelocalizerOptions, Report,
+};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -28,6 +32,12 @@ pub struct Args {
     camera: Option<CameraRecord>,
     #[command(flatten)]
     kernels: KernelArgs,
+    /// What runs the networks.
+    #[arg(long, value_enum, default_value_t)]
+    device: Device,
+    /// Locate each picture on the CPU too and say how far the two answers are apart: a test of a GPU and its driver.
+    #[arg(long)]
+    against_cpu: bool,
     /// Print JSON, one object a line.
     #[arg(long)]
     json: bool,
@@ -51,16 +61,32 @@ pub fn run(args: Args) -> Result<()> {
         .map(CameraRecord::to_camera)
         .transpose()?;
     let scene_camera = scene.info.camera;
-    let mut relocalizer = relocalizer(scene, extractor, |options| {
-        options.kernels = args.kernels.level();
-    })?;
+    let change = |options: &mut RelocalizerOptions| options.kernels = args.kernels.level();
+    let on_cpu = args
+        .against_cpu
+        .then(|| relocalizer(scene.clone(), extractor.clone(), change))
+        .transpose()?;
+    let mut relocalizer = relocalizer(scene.clone(), extractor.clone(), change)?;
+    let runs_on = device::place(&mut relocalizer, args.device, &scene, &extractor, change)?;
+    drop((scene, extractor));
+    if !args.json {
+        println!("networks on {runs_on}");
+    }
+    let mut both = Both {
+        relocalizer,
+        on_cpu,
+        worst: Apart::default(),
+    };
     let mut num_failed = 0;
     for path in &args.pictures {
         // A picture that cannot be read does not keep the others from being located.
-        if let Err(error) = locate(&mut relocalizer, path, given, scene_camera, &args) {
+        if let Err(error) = locate(&mut both, path, given, scene_camera, &args) {
             eprintln!("error: {error:#}");
             num_failed += 1;
         }
+    }
+    if args.against_cpu && !args.json {
+        println!("farthest from the CPU over all pictures: {}", both.worst);
     }
     ensure!(
         num_failed == 0,
@@ -70,8 +96,66 @@ pub fn run(args: Args) -> Result<()> {
     Ok(())
 }
 
+/// The relocalizer, and another one that stays on the CPU for comparison.
+struct Both {
+    relocalizer: Relocalizer,
+    on_cpu: Option<Relocalizer>,
+    worst: Apart,
+}
+
+/// How far two answers for a picture are apart.
+#[derive(Debug, Clone, Copy, Default)]
+struct Apart {
+    position: f64,
+    rotation_deg: f64,
+}
+
+impl Apart {
+    /// Infinitely far where only one of them located the picture.
+    fn between(a: &Report, b: &Report) -> Self {
+        match (a.outcome.located(), b.outcome.located()) {
+            (Some(a), Some(b)) => {
+                let error = PoseError::between(&a.cam_from_world, &b.cam_from_world);
+                Self {
+                    position: error.position,
+                    rotation_deg: error.rotation_deg,
+                }
+            }
+            (None, None) => Self::default(),
+            _ => Self {
+                position: f64::INFINITY,
+                rotation_deg: f64::INFINITY,
+            },
+        }
+    }
+
+    fn max(self, other: Self) -> Self {
+        Self {
+            position: self.position.max(other.position),
+            rotation_deg: self.rotation_deg.max(other.rotation_deg),
+        }
+    }
+}
+
+impl core::fmt::Display for Apart {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Self {
+            position,
+            rotation_deg,
+        } = self;
+        write!(f, "{position:.6} in position, {rotation_deg:.5} deg")
+    }
+}
+
+/// What ran the networks of a picture, why not a GPU that was given, and how far the answer is from the CPU's.
+struct Backend {
+    name: &'static str,
+    why: Option<String>,
+    apart: Option<Apart>,
+}
+
 fn locate(
-    relocalizer: &mut Relocalizer,
+    both: &mut Both,
     path: &Path,
     given: Option<Camera>,
     scene_camera: Option<Camera>,
@@ -92,13 +176,28 @@ fn locate(
         format: PixelFormat::Rgb8,
     };
     let start = Instant::now();
-    let report = relocalizer
-        .locate(&frame, &query, &mut || start.elapsed().as_secs_f64() * 1e3)
-        .with_context(|| format!("locating {}", path.display()))?;
+    let mut clock = || start.elapsed().as_secs_f64() * 1e3;
+    let refused = || format!("locating {}", path.display());
+    let relocalizer = &mut both.relocalizer;
+    let report = pollster::block_on(relocalizer.locate_with_gpu(&frame, &query, &mut clock))
+        .with_context(refused)?;
+    let mut backend = Backend {
+        name: if report.on_gpu { "gpu" } else { "cpu" },
+        why: relocalizer.gpu_failure().map(str::to_owned),
+        apart: None,
+    };
+    if let Some(on_cpu) = &mut both.on_cpu {
+        let expected = on_cpu
+            .locate(&frame, &query, &mut clock)
+            .with_context(refused)?;
+        let apart = Apart::between(&report, &expected);
+        both.worst = both.worst.max(apart);
+        backend.apart = Some(apart);
+    }
     if args.json {
-        println!("{}", to_json(path, &report));
+        println!("{}", to_json(path, &report, &backend));
     } else {
-        print_report(path, &report);
+        print_report(path, &report, &backend);
     }
     if let Some(folder) = &args.overlay {
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
@@ -111,7 +210,7 @@ fn locate(
     Ok(())
 }
 
-fn print_report(path: &Path, report: &Report) {
+fn print_report(path: &Path, report: &Report, backend: &Backend) {
     println!("{}", path.display());
     let c = &report.counts;
     match &report.outcome {
@@ -157,9 +256,16 @@ fn print_report(path: &Path, report: &Report) {
         report.camera_source
     );
     println!("  time       {:.1} ms", report.timings.total_ms);
+    match &backend.why {
+        Some(why) => println!("  networks   {} ({why})", backend.name),
+        None => println!("  networks   {}", backend.name),
+    }
+    if let Some(apart) = backend.apart {
+        println!("  from CPU   {apart}");
+    }
 }
 
-fn to_json(path: &Path, report: &Report) -> serde_json::Value {
+fn to_json(path: &Path, report: &Report, backend: &Backend) -> serde_json::Value {
     let c = &report.counts;
     let (pose, reason, quality) = match &report.outcome {
         Outcome::Located(l) => (
@@ -185,6 +291,9 @@ fn to_json(path: &Path, report: &Report) -> serde_json::Value {
         "focal_px": report.camera.focal_px().0,
         "camera_source": format!("{:?}", report.camera_source).to_lowercase(),
         "total_ms": report.timings.total_ms,
+        "backend": backend.name,
+        "backend_reason": backend.why,
+        "from_cpu": backend.apart.map(|a| json!({ "position": a.position, "rotation_deg": a.rotation_deg })),
     })
 }
 

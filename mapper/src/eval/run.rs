@@ -262,13 +262,14 @@ impl<'a> Evaluator<'a> {
         };
         let start = Instant::now();
         let mut clock = || start.elapsed().as_secs_f64() * 1e3;
-        let report = self
-            .relocalizer
-            .locate(&frame, &Query::with_camera(image.camera), &mut clock)
-            .map_err(|source| EvalError::Locate {
-                path: image.path.clone(),
-                source,
-            })?;
+        let query = Query::with_camera(image.camera);
+        // On the CPU unless the caller moved the networks to a device.
+        let report =
+            pollster::block_on(self.relocalizer.locate_with_gpu(&frame, &query, &mut clock))
+                .map_err(|source| EvalError::Locate {
+                    path: image.path.clone(),
+                    source,
+                })?;
         let mut methods = Vec::with_capacity(4);
         let cam_from_world = report.outcome.located().map(|l| l.cam_from_world);
         methods.push(MethodResult {

@@ -12,7 +12,7 @@ use landline_testkit::{shared_data, skip};
 use std::path::Path;
 
 /// The converted extractor from the checkpoint that a variable names, through its file in this precision.
-fn extractor(variable: &str, precision: Precision) -> Option<ExtractorFile> {
+pub(crate) fn extractor(variable: &str, precision: Precision) -> Option<ExtractorFile> {
     let Some(path) = std::env::var_os(variable) else {
         skip(&format!("{variable} names no checkpoint"));
         return None;

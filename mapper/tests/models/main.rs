@@ -2,6 +2,7 @@
 
 mod extractors;
 mod golden;
+mod gpu;
 mod hostile;
 mod memory;
 mod regressors;

@@ -7,6 +7,7 @@ use landline::models::{
     ExtractorKind, LineBranchConfig, PointBranchConfig, RegressorConfig, ports,
 };
 use landline::nn::cpu::CpuExecutor;
+use landline::nn::gpu::{AdapterChoice, GpuDevice, GpuExecutor, Pipelines};
 use landline::nn::oracle::OracleExecutor;
 use landline::nn::{Executor, Graph, Weights};
 use landline::regress::{Predictions, Regressor};
@@ -26,10 +27,18 @@ fn regressor(path: &Path, options: &ImportOptions) -> (RegressorConfig, Weights)
     }
 }
 
-fn executors(graph: &Graph, weights: &Weights) -> [(&'static str, Box<dyn Executor>); 2] {
+/// All executors that are here; a machine without a GPU adapter has two.
+fn executors(graph: &Graph, weights: &Weights) -> Vec<(&'static str, Box<dyn Executor>)> {
     let cpu = CpuExecutor::new(graph.clone(), weights.clone()).expect("weights fit");
     let oracle = OracleExecutor::new(graph.clone(), weights.clone()).expect("weights fit");
-    [("cpu", Box::new(cpu)), ("oracle", Box::new(oracle))]
+    let mut all: Vec<(&str, Box<dyn Executor>)> =
+        vec![("cpu", Box::new(cpu)), ("oracle", Box::new(oracle))];
+    if let Ok(gpu) = pollster::block_on(GpuDevice::request(AdapterChoice::Any)) {
+        let (graph, weights) = (graph.clone(), weights.clone());
+        let on_gpu = GpuExecutor::new(&gpu, &mut Pipelines::new(&gpu), graph, weights);
+        all.push(("gpu", Box::new(on_gpu.expect("weights fit"))));
+    }
+    all
 }
 
 fn check(what: &str, got: &[f32], expected: &[f32]) {

@@ -14,6 +14,7 @@ pub mod import;
 pub mod labels;
 pub mod overlay;
 pub mod picture;
+mod plot;
 pub mod progress;
 pub mod scene;
 pub mod tracks;

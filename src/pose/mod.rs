@@ -7,7 +7,8 @@
 //! Algorithm: `docs/benchmarks/pose.md` says how well it does; [`solvers`] the minimal problems, `sampler` the
 //! confidence-weighted sampling, `composition` what each kind of sample is worth, `scoring` the truncated likelihood, `ransac`
 //! the search with local optimisation and stopping rule, `likelihood` and `refine` the heavy-tailed refinement, `soft` what is
-//! known besides, `covariance` what is known in the end, `watch` the time budget.
+//! known besides, `covariance` what is known in the end,
+//! `mirror` whether the map is left-handed, `watch` the time budget.
 //! Invariants: deterministic by seed (the same bits on every target when no time budget is set); never a pose that is not
 //! finite; bad correspondences are dropped and counted.
 //! Cost: linear in correspondences times iterations; no allocation once the scratch has seen a problem of the size.
@@ -17,6 +18,7 @@ mod covariance;
 mod focal_belief;
 mod kernels;
 mod likelihood;
+mod mirror;
 mod normal;
 mod options;
 mod problem;

@@ -312,6 +312,26 @@ impl Problem {
             .sort_unstable_by(|a, b| order((&a.belief, a.source), (&b.belief, b.source)));
     }
 
+    /// The same correspondences in a world that is reflected at its centre.
+    pub(super) fn reflect(&mut self, other: &Self) {
+        self.points.clear();
+        self.points
+            .extend(other.points.iter().map(|p| PointItem { x: -p.x, ..*p }));
+        self.lines.clear();
+        self.lines.extend(other.lines.iter().map(|l| LineItem {
+            x1: -l.x1,
+            x2: -l.x2,
+            direction: -l.direction,
+            ..*l
+        }));
+        (self.fx, self.fy) = (other.fx, other.fy);
+        (self.center, self.scale) = (-other.center, other.scale);
+        (self.ln_null_point, self.ln_null_line) = (other.ln_null_point, other.ln_null_line);
+        (self.null_point, self.null_line) = (other.null_point, other.null_line);
+        self.num_alternatives = other.num_alternatives;
+        self.alternative_share = other.alternative_share;
+    }
+
     fn normalize(&mut self) {
         let pairs = &mut self.pairs;
         for axis in 0..3 {

@@ -77,7 +77,7 @@ impl PoseStatus {
     }
 }
 
-/// Why an estimate is [`PoseStatus::Degenerate`].
+/// Why an estimate is [`PoseStatus::Degenerate`], or [`PoseStatus::LowInliers`] for [`Self::Mirrored`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Degeneracy {
     /// The inlier points lie on one world line and no line adds a second direction.
@@ -88,6 +88,8 @@ pub enum Degeneracy {
     PoseUndetermined,
     /// Focal length and depth cannot be told apart: flat or fronto-parallel structure, or too narrow a view.
     FocalUndetermined,
+    /// Many more correspondences would agree if the world were mirrored: the map is left-handed, or a sign is wrong.
+    Mirrored,
 }
 
 /// Why the search ended.

@@ -1,6 +1,7 @@
 //! The whole estimate: search, final refinement of the best distinct models, and the judgement of what came out.
 
 use super::covariance::{self, Uncertainty};
+use super::mirror::Mirror;
 use super::options::{Focal, PoseOptions, WorldNoise};
 use super::problem::{Model, Problem};
 use super::ransac::{NUM_KEPT, Search};
@@ -8,8 +9,8 @@ use super::refine::{Kind, Refined, Scale};
 use super::residuals;
 use super::soft::Soft;
 use super::types::{
-    LineCorrespondence, PointCorrespondence, PoseError, PoseEstimate, PoseOutcome, PoseStats,
-    PoseStatus, RunnerUp, StopReason,
+    Degeneracy, LineCorrespondence, PointCorrespondence, PoseError, PoseEstimate, PoseOutcome,
+    PoseStats, PoseStatus, RunnerUp, StopReason,
 };
 use super::watch::Watch;
 use crate::geometry::Camera;
@@ -63,6 +64,7 @@ struct Finalist {
 pub struct PoseScratch {
     problem: Problem,
     search: Search,
+    mirror: Mirror,
     finalists: Vec<Finalist>,
     inliers: Inliers,
     point_posteriors: Vec<f32>,
@@ -193,6 +195,16 @@ pub fn estimate(
         return Ok(outcome);
     };
     judge(scratch, options, &camera, has_focal, &best, &mut outcome);
+    let num_inliers = scratch.inliers.points.len() + scratch.inliers.lines.len();
+    let so_far = (num_inliers, best.ranking);
+    if matches!(outcome.status, PoseStatus::Ok | PoseStatus::Ambiguous)
+        && scratch
+            .mirror
+            .explains_more(&scratch.problem, options, &soft, so_far, &mut watch)
+    {
+        outcome.status = PoseStatus::LowInliers;
+        outcome.degeneracy = Some(Degeneracy::Mirrored);
+    }
     Ok(outcome)
 }
 

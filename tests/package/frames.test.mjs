@@ -1,7 +1,7 @@
 // What the engine takes and what it tells over several frames: kinds of pictures, states, focal lengths.
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { blank, haveSample } from "./page.mjs";
+import { blank, haveSample, softwareGpu } from "./page.mjs";
 
 const skip = haveSample() ? false : "the sample scene is not there: run `cargo xtask sample`";
 
@@ -150,4 +150,28 @@ test("the focal length is solved, learned per camera, read from EXIF and from th
   assert.equal(seen.millimetres, 28);
   assert.ok(seen.exif.located && seen.exif.source === "exif" && off(seen.exif.fx) < 0.05, JSON.stringify(seen.exif));
   assert.ok(seen.track.located && seen.track.source === "track" && off(seen.track.fx) < 1e-9, JSON.stringify(seen.track));
+});
+
+test("on the GPU a frame that waits is begun early, and gets the answer that it gets alone", { skip, timeout: 240_000 }, async (t) => {
+  const { page, said } = await blank(t, softwareGpu);
+  const seen = await page.evaluate(async () => {
+    const intrinsics = globalThis.sample.camera;
+    const relocalizer = await globalThis.make({ device: "webgpu" });
+    const pictures = await Promise.all([0, 6, 12].map((i) => globalThis.picture(i)));
+    const locate = (picture) => relocalizer.locate(picture, { intrinsics });
+    const told = (result) => ({ backend: result.backend, located: result.located, keypoints: result.quality.keypoints, inliers: result.quality.pointInliers, position: result.placement?.position });
+    const alone = [];
+    for (const picture of pictures) alone.push(told(await locate(picture)));
+    // A bad frame between good ones fails in its turn, and alone.
+    const bad = { data: new Uint8Array(33 * 4000), width: 33, height: 4000, format: "luma8" };
+    const together = await Promise.allSettled([locate(pictures[0]), locate(pictures[1]), locate(bad), relocalizer.setOptions({}), locate(pictures[2])]);
+    const backend = relocalizer.backend;
+    await relocalizer.dispose();
+    return { alone, backend, failed: together[2].reason?.code, together: [0, 1, 4].map((i) => told(together[i].value)) };
+  });
+  assert.equal(seen.backend, "webgpu");
+  assert.ok(seen.alone.every((result) => result.backend === "webgpu" && result.located), JSON.stringify(seen.alone));
+  assert.deepEqual(seen.together, seen.alone);
+  assert.equal(seen.failed, "bad-input");
+  assert.deepEqual(said, []);
 });

@@ -82,10 +82,13 @@ export async function open(launched, address, options = {}) {
   return { page, said, context: made };
 }
 
+/** Flags for WebGPU on the software adapter. */
+export const softwareGpu = ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader"];
+
 /** An empty page of the site with the package as `landline`, `make(options)` and `failure(promise)` at hand. */
-export async function blank(test) {
+export async function blank(test, flags = []) {
   const server = await serve(test);
-  const opened = await open(await browser(test));
+  const opened = await open(await browser(test, flags));
   await opened.page.route("**/blank.html", (route) => route.fulfill({ contentType: "text/html", body: "<!doctype html><meta charset=utf-8>" }));
   await opened.page.goto(`${server.url}blank.html`);
   await opened.page.evaluate(async () => {

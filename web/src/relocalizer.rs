@@ -7,7 +7,7 @@ use crate::result::encode;
 use landline::geometry::{Camera, CameraModel};
 use landline::image::{FrameView, PixelFormat};
 use landline::relocalizer::{
-    CameraSource, CreateError, Query, Relocalizer, RelocalizerOptions, Smoothing,
+    Begun, CameraSource, CreateError, Observed, Query, Relocalizer, RelocalizerOptions, Smoothing,
 };
 use landline::scene_file::{ExtractorFile, SceneFile, TensorFile, Units};
 use serde::Deserialize;
@@ -72,6 +72,10 @@ impl Options {
     }
 }
 
+fn out_of_order(step: &str) -> JsValue {
+    js_error(Code::BadInput, &format!("no frame was {step} before"))
+}
+
 fn smoothing(name: &str) -> Result<Smoothing, JsValue> {
     match name {
         "off" => Ok(Smoothing::Off),
@@ -85,13 +89,39 @@ fn smoothing(name: &str) -> Result<Smoothing, JsValue> {
     }
 }
 
-/// Finds cameras in one scene.
+/// [`Query`] of a frame that is under way.
+#[derive(Debug)]
+struct OwnedQuery {
+    camera: Option<Camera>,
+    camera_source: CameraSource,
+    camera_name: String,
+    timestamp_ms: f64,
+    tracking: bool,
+}
+
+impl OwnedQuery {
+    fn borrow(&self) -> Query<'_> {
+        Query {
+            camera: self.camera,
+            camera_source: self.camera_source,
+            camera_name: &self.camera_name,
+            timestamp_ms: self.timestamp_ms,
+            tracking: self.tracking,
+            gravity: None,
+        }
+    }
+}
+
+/// Finds cameras in one scene. A frame takes `begin`, `observe` and `solve`; the next may be begun before the last of them,
+/// so that a device works while the pose is solved.
 #[wasm_bindgen]
 #[derive(Debug)]
 pub struct RawRelocalizer {
     core: Relocalizer,
     info: String,
     frame: Vec<u8>,
+    begun: Option<(Begun, OwnedQuery)>,
+    observed: Option<(Observed, OwnedQuery)>,
     result: Vec<f64>,
     /// Why the networks did not start on the GPU, if they did not.
     backend_reason: Option<String>,
@@ -140,6 +170,8 @@ impl RawRelocalizer {
             core,
             info,
             frame: Vec::new(),
+            begun: None,
+            observed: None,
             result: Vec::new(),
             backend_reason,
         })
@@ -178,7 +210,7 @@ impl RawRelocalizer {
         self.frame.as_mut_ptr() as usize
     }
 
-    /// Locates the frame that was written into the buffer. `intrinsics` is empty or fx, fy, cx, cy.
+    /// First step: takes the frame that was written into the buffer. `intrinsics` is empty or fx, fy, cx, cy.
     ///
     /// # Errors
     /// A JavaScript `Error` with a `code`.
@@ -186,7 +218,7 @@ impl RawRelocalizer {
         clippy::too_many_arguments,
         reason = "flat numbers cross the border without making objects"
     )]
-    pub async fn locate(
+    pub async fn begin(
         &mut self,
         width: u32,
         height: u32,
@@ -195,10 +227,10 @@ impl RawRelocalizer {
         intrinsics: Vec<f64>,
         source: u8,
         timestamp_ms: f64,
-        camera: String,
+        camera_name: String,
         tracking: bool,
-        include: u32,
     ) -> Result<(), JsValue> {
+        self.begun = None;
         let format = match format {
             0 => PixelFormat::Luma8,
             1 => PixelFormat::Rgba8,
@@ -228,7 +260,7 @@ impl RawRelocalizer {
                 return Err(js_error(Code::BadInput, &message));
             }
         };
-        let query = Query {
+        let query = OwnedQuery {
             camera: model.map(|model| Camera {
                 width,
                 height,
@@ -239,15 +271,46 @@ impl RawRelocalizer {
                 2 => CameraSource::Exif,
                 _ => CameraSource::Given,
             },
-            camera_name: &camera,
+            camera_name,
             timestamp_ms,
             tracking,
-            gravity: None,
         };
+        let begun = self
+            .core
+            .begin(&frame, &query.borrow(), &mut performance_now)
+            .await
+            .map_err(|e| from_locate(&e))?;
+        self.begun = Some((begun, query));
+        Ok(())
+    }
+
+    /// Second step: segments and networks.
+    ///
+    /// # Errors
+    /// A JavaScript `Error` with a `code`.
+    pub async fn observe(&mut self) -> Result<(), JsValue> {
+        let (begun, query) = self.begun.take().ok_or_else(|| out_of_order("begun"))?;
+        let observed = self
+            .core
+            .observe(begun, &mut performance_now)
+            .await
+            .map_err(|e| from_locate(&e))?;
+        self.observed = Some((observed, query));
+        Ok(())
+    }
+
+    /// Third step: the pose, as numbers at [`Self::result_address`].
+    ///
+    /// # Errors
+    /// A JavaScript `Error` with a `code`.
+    pub fn solve(&mut self, include: u32) -> Result<(), JsValue> {
+        let (observed, query) = self
+            .observed
+            .take()
+            .ok_or_else(|| out_of_order("observed"))?;
         let report = self
             .core
-            .locate_with_gpu(&frame, &query, &mut performance_now)
-            .await
+            .solve(observed, &query.borrow(), &mut performance_now)
             .map_err(|e| from_locate(&e))?;
         encode(&self.core, &report, include, &mut self.result);
         Ok(())

@@ -113,7 +113,7 @@ export interface Following {
 export function follow(relocalizer: Relocalizer, video: HTMLVideoElement, options: FollowOptions = {}): Following {
   const interval = 1000 / (options.maxFps ?? 30);
   let running = true;
-  let busy = false;
+  let inFlight = 0;
   let last = -Infinity;
   const counts = { dropped: 0, processed: 0 };
   let request = 0;
@@ -122,12 +122,13 @@ export function follow(relocalizer: Relocalizer, video: HTMLVideoElement, option
     if (!running) return;
     schedule();
     if (document.hidden || video.videoWidth === 0) return;
-    if (busy) {
+    // The GPU works on a frame while the pose of the one before is solved: two may be under way there.
+    if (inFlight >= (relocalizer.backend === "webgpu" ? 2 : 1)) {
       counts.dropped += 1;
       return;
     }
     if (now - last < interval) return;
-    busy = true;
+    inFlight += 1;
     last = now;
     try {
       const name = typeof options.camera === "function" ? options.camera() : options.camera;
@@ -148,7 +149,7 @@ export function follow(relocalizer: Relocalizer, video: HTMLVideoElement, option
       if (fatal) stop();
       if (!(error instanceof LandlineError && error.code === "disposed")) options.onError?.(error);
     } finally {
-      busy = false;
+      inFlight -= 1;
     }
   };
   const schedule = (): void => {

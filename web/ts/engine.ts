@@ -21,11 +21,19 @@ function includeBits(names: readonly Include[]): number {
 type Canvas = OffscreenCanvas | HTMLCanvasElement;
 type Context = OffscreenCanvasRenderingContext2D | CanvasRenderingContext2D;
 
+interface Begun {
+  request: LocateRequest;
+  transferMs: number;
+  error?: LandlineError;
+}
+
 export class Engine {
   #raw: RawRelocalizer | undefined;
   readonly #memory: WebAssembly.Memory;
   #context: Context | undefined;
   #broken: LandlineError | undefined;
+  /** A frame that was handed over before its turn. */
+  #begun: Begun | undefined;
 
   private constructor(raw: RawRelocalizer, memory: WebAssembly.Memory) {
     this.#raw = raw;
@@ -46,10 +54,34 @@ export class Engine {
     }
   }
 
-  async locate(request: LocateRequest): Promise<LocateResult> {
+  /**
+   * Finds the camera of a frame. `next` is asked once, before the pose is solved: the frame that it returns is begun then, so
+   * that the GPU works on it meanwhile, and must be the next one to be located.
+   */
+  async locate(request: LocateRequest, next: () => LocateRequest | undefined = () => undefined): Promise<LocateResult> {
+    const begun = this.#begun?.request === request ? this.#begun : await this.#begin(request);
+    this.#begun = undefined;
+    if (begun.error) throw begun.error;
     const raw = this.#alive();
+    try {
+      await raw.observe();
+      const following = raw.backend() === "webgpu" ? next() : undefined;
+      if (following) this.#begun = await this.#begin(following);
+      raw.solve(includeBits(request.include));
+      const numbers = new Float64Array(this.#memory.buffer, raw.resultAddress(), raw.resultLength());
+      const { transferMs } = begun;
+      return decodeResult(numbers, { timestampMs: request.timestampMs, transferMs, include: request.include, backendReason: raw.backendReason() });
+    } catch (error) {
+      throw this.#note(error);
+    }
+  }
+
+  /** Hands the pixels over. What goes wrong is told when the frame's own turn comes. */
+  async #begin(request: LocateRequest): Promise<Begun> {
     const { frame } = request;
     try {
+      const raw = this.#alive();
+      includeBits(request.include);
       const { width, height } = sizeOf(frame);
       const pixels = this.#pixels(frame, width, height);
       const { data } = pixels;
@@ -58,7 +90,7 @@ export class Engine {
       new Uint8Array(this.#memory.buffer, at, data.length).set(data);
       const k = request.intrinsics;
       const transferMs = performance.timeOrigin + performance.now() - request.calledAt;
-      await raw.locate(
+      await raw.begin(
         width,
         height,
         pixels.stride,
@@ -68,12 +100,10 @@ export class Engine {
         request.timestampMs,
         request.camera,
         request.tracking,
-        includeBits(request.include),
       );
-      const numbers = new Float64Array(this.#memory.buffer, raw.resultAddress(), raw.resultLength());
-      return decodeResult(numbers, { timestampMs: request.timestampMs, transferMs, include: request.include, backendReason: raw.backendReason() });
+      return { request, transferMs };
     } catch (error) {
-      throw this.#note(error);
+      return { request, transferMs: 0, error: this.#note(error) };
     } finally {
       if (!("data" in frame)) frame.close();
     }

@@ -1,7 +1,7 @@
 /** Entry of the worker: answers the messages of `relocalizer.ts` one after another. */
 import { Engine } from "./engine.js";
 import { LandlineError, plainError } from "./errors.js";
-import type { CallName, Calls, Reply, Request } from "./protocol.js";
+import type { CallName, Calls, LocateRequest, Reply, Request } from "./protocol.js";
 
 /** The few members of a dedicated worker's scope that are used; the page's library of types has no such scope. */
 interface Scope {
@@ -17,8 +17,14 @@ for (const name of ["fetch", "XMLHttpRequest", "WebSocket", "WebSocketStream", "
 }
 
 let engine: Engine | undefined;
-// Frames are answered in order: the engine's buffers belong to one frame at a time.
-let queue: Promise<void> = Promise.resolve();
+// Answered in order; a frame that waits behind another one may be begun while that one's pose is solved.
+const waiting: Request[] = [];
+let isWorking = false;
+
+function nextFrame(): LocateRequest | undefined {
+  const next = waiting[0];
+  return next?.call === "locate" ? (next.request as LocateRequest) : undefined;
+}
 
 function alive(): Engine {
   if (!engine) throw new LandlineError("disposed", "this relocalizer was disposed of");
@@ -33,7 +39,7 @@ async function answer<N extends CallName>(call: N, request: Calls[N]["request"])
       return made.created;
     }
     case "locate":
-      return alive().locate(request as Calls["locate"]["request"]);
+      return alive().locate(request as LocateRequest, nextFrame);
     case "setOptions":
       alive().setOptions(request as Calls["setOptions"]["request"]);
       return null;
@@ -67,13 +73,20 @@ function buffers(reply: unknown): ArrayBuffer[] {
   return [...found];
 }
 
-scope.onmessage = ({ data }) => {
-  queue = queue.then(async () => {
+async function work(): Promise<void> {
+  isWorking = true;
+  for (let data = waiting.shift(); data; data = waiting.shift()) {
     try {
       const reply = await answer(data.call, data.request);
       scope.postMessage({ id: data.id, ok: true, reply }, buffers(reply));
     } catch (error) {
       scope.postMessage({ id: data.id, ok: false, error: plainError(error) }, []);
     }
-  });
+  }
+  isWorking = false;
+}
+
+scope.onmessage = ({ data }) => {
+  waiting.push(data);
+  if (!isWorking) void work();
 };

@@ -2,10 +2,9 @@
 
 use super::PoseError;
 use super::run::{Evaluation, ImageResult};
+use crate::plot::{GRID, legend, svg};
 use nalgebra::Vector3;
-use plotters::coord::Shift;
 use plotters::prelude::*;
-use std::error::Error;
 use std::io;
 
 /// Colours of the methods: both, points, lines, baseline.
@@ -15,25 +14,8 @@ const COLORS: [RGBColor; 4] = [
     RGBColor(0, 158, 115),
     RGBColor(110, 110, 110),
 ];
-const GRID: RGBColor = RGBColor(225, 228, 232);
 const TRUTH: RGBColor = RGBColor(150, 155, 160);
 const SIZE: (u32, u32) = (560, 340);
-
-type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-
-fn svg(
-    size: (u32, u32),
-    draw: impl for<'a> FnOnce(&Area<'a>) -> Result<(), Box<dyn Error>>,
-) -> io::Result<String> {
-    let mut out = String::new();
-    {
-        let area = SVGBackend::with_string(&mut out, size).into_drawing_area();
-        draw(&area)
-            .and_then(|()| Ok(area.present()?))
-            .map_err(|e| io::Error::other(format!("plot: {e}")))?;
-    }
-    Ok(out)
-}
 
 fn color(method: usize) -> RGBColor {
     COLORS[method.min(COLORS.len() - 1)]
@@ -58,7 +40,6 @@ pub(super) fn error_distribution(
     range: (f64, f64),
 ) -> io::Result<String> {
     svg(SIZE, |area| {
-        area.fill(&WHITE)?;
         let mut chart = ChartBuilder::on(area)
             .margin(12)
             .x_label_area_size(38)
@@ -98,13 +79,7 @@ pub(super) fn error_distribution(
                     PathElement::new(vec![(x, y), (x + 18, y)], color.stroke_width(2))
                 });
         }
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::UpperLeft)
-            .background_style(WHITE.mix(0.85))
-            .border_style(GRID)
-            .draw()?;
-        Ok(())
+        legend(&mut chart, SeriesLabelPosition::UpperLeft)
     })
 }
 
@@ -113,7 +88,6 @@ pub(super) fn error_over_pictures(evaluation: &Evaluation) -> io::Result<String>
     const RANGE: (f64, f64) = (0.05, 200.0);
     let num = evaluation.images.len();
     svg((2 * SIZE.0 + 12, SIZE.1), |area| {
-        area.fill(&WHITE)?;
         let mut chart = ChartBuilder::on(area)
             .margin(12)
             .x_label_area_size(38)
@@ -155,13 +129,7 @@ pub(super) fn error_over_pictures(evaluation: &Evaluation) -> io::Result<String>
                 .label(name)
                 .legend(move |(x, y)| Circle::new((x + 9, y), 4, color.filled()));
         }
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::UpperLeft)
-            .background_style(WHITE.mix(0.85))
-            .border_style(GRID)
-            .draw()?;
-        Ok(())
+        legend(&mut chart, SeriesLabelPosition::UpperLeft)
     })
 }
 
@@ -192,7 +160,6 @@ pub(super) fn trajectory(evaluation: &Evaluation) -> io::Result<String> {
     let x_range = middle[across] - half * aspect..middle[across] + half * aspect;
     let y_range = middle[up] - half..middle[up] + half;
     svg(size, |area| {
-        area.fill(&WHITE)?;
         let mut chart = ChartBuilder::on(area)
             .margin(12)
             .x_label_area_size(38)
@@ -239,12 +206,6 @@ pub(super) fn trajectory(evaluation: &Evaluation) -> io::Result<String> {
                 .label(name)
                 .legend(move |(x, y)| Circle::new((x + 9, y), 4, color.filled()));
         }
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::LowerRight)
-            .background_style(WHITE.mix(0.85))
-            .border_style(GRID)
-            .draw()?;
-        Ok(())
+        legend(&mut chart, SeriesLabelPosition::LowerRight)
     })
 }

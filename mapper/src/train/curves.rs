@@ -1,17 +1,24 @@
 //! Loss curves as an SVG picture, drawn from the log.
 
-use std::fmt::Write as _;
+use crate::plot::{Area, Drawn, GRID, legend, svg};
+use plotters::prelude::*;
+use std::io;
+
+const COLUMNS: [(usize, &str, f64); 4] = [
+    (3, "scene distance, cm", 100.0),
+    (4, "reprojection, px (clamped)", 1.0),
+    (5, "reliability, cross-entropy", 1.0),
+    (9, "held-out pose, cm (mean, clamped)", 100.0),
+];
+const COLORS: [RGBColor; 2] = [RGBColor(31, 111, 180), RGBColor(200, 85, 61)];
+const SIZE: (u32, u32) = (840, 520);
 
 /// Curves of the log's columns: one panel for each, branches in different colours, values on a logarithmic axis.
-pub fn svg(log: &str) -> String {
-    const COLUMNS: [(usize, &str, f64); 4] = [
-        (3, "scene distance, cm", 100.0),
-        (4, "reprojection, px (clamped)", 1.0),
-        (5, "reliability, cross-entropy", 1.0),
-        (9, "held-out pose, cm (mean, clamped)", 100.0),
-    ];
-    const COLORS: [&str; 2] = ["#1f6fb4", "#c8553d"];
-    let (width, height, margin) = (420.0, 240.0, 46.0);
+///
+/// # Errors
+///
+/// When plotting fails.
+pub fn plot(log: &str) -> io::Result<String> {
     let rows: Vec<Vec<&str>> = log
         .lines()
         .skip(1)
@@ -24,81 +31,64 @@ pub fn svg(log: &str) -> String {
             branches.push(row[0]);
         }
     }
-    let mut out = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{}\" height=\"{}\" font-family=\"sans-serif\" font-size=\"11\">\n<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n",
-        2.0 * width,
-        2.0 * height
-    );
-    // Writing to a string cannot fail.
-    for (panel, (column, title, factor)) in COLUMNS.into_iter().enumerate() {
-        let (x0, y0) = ((panel % 2) as f64 * width, (panel / 2) as f64 * height);
-        let points = |branch: &str| -> Vec<(f64, f64)> {
-            rows.iter()
-                .filter(|row| row[0] == branch)
-                .filter_map(|row| {
-                    let value: f64 = row[column].parse().ok()?;
-                    Some((row[1].parse().ok()?, (factor * value).max(1e-6)))
-                })
-                .collect()
-        };
-        let all: Vec<(f64, f64)> = branches.iter().flat_map(|b| points(b)).collect();
-        let fold = |f: fn(f64, f64) -> f64, start: f64, pick: fn(&(f64, f64)) -> f64| {
-            all.iter().map(pick).fold(start, f)
-        };
-        let last = fold(f64::max, 1.0, |p| p.0);
-        let low = fold(f64::min, f64::INFINITY, |p| p.1).log10();
-        let high = fold(f64::max, f64::NEG_INFINITY, |p| p.1).log10();
-        let (low, high) = if low < high { (low, high) } else { (-1.0, 1.0) };
-        let x = |step: f64| x0 + margin + step / last * (width - margin - 14.0);
-        let y =
-            |v: f64| y0 + height - 26.0 - (v.log10() - low) / (high - low) * (height - 26.0 - 30.0);
-        let _ = writeln!(
-            out,
-            "<text x=\"{:.1}\" y=\"{:.1}\" font-weight=\"bold\">{title}</text>",
-            x0 + margin,
-            y0 + 18.0
-        );
-        for tick in 0..=4 {
-            let value = 10f64.powf(low + (high - low) * f64::from(tick) / 4.0);
-            let _ = writeln!(
-                out,
-                "<line x1=\"{:.1}\" x2=\"{:.1}\" y1=\"{:.1}\" y2=\"{:.1}\" stroke=\"#dddddd\"/><text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{value:.3}</text>",
-                x(0.0),
-                x(last),
-                y(value),
-                y(value),
-                x(0.0) - 4.0,
-                y(value) + 4.0
-            );
-        }
-        let _ = writeln!(
-            out,
-            "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{last} steps</text>",
-            x(last),
-            y0 + height - 10.0
-        );
-        for (i, branch) in branches.iter().enumerate() {
-            let path: String = points(branch)
+    svg(SIZE, |area| {
+        for (panel, (column, title, factor)) in area.split_evenly((2, 2)).iter().zip(COLUMNS) {
+            let curves: Vec<(&str, Vec<(f64, f64)>)> = branches
                 .iter()
-                .map(|(s, v)| format!("{:.1},{:.1} ", x(*s), y(*v)))
+                .map(|branch| (*branch, curve(&rows, branch, column, factor)))
                 .collect();
-            let color = COLORS[i % COLORS.len()];
-            let _ = writeln!(
-                out,
-                "<polyline fill=\"none\" stroke=\"{color}\" stroke-width=\"1.5\" points=\"{path}\"/>"
-            );
-            if panel == 0 {
-                let _ = writeln!(
-                    out,
-                    "<text x=\"{:.1}\" y=\"{:.1}\" fill=\"{color}\" text-anchor=\"end\">{branch}</text>",
-                    width - 16.0,
-                    18.0 + 14.0 * i as f64
-                );
-            }
+            draw_panel(panel, title, &curves)?;
         }
+        Ok(())
+    })
+}
+
+/// Steps and values of a branch; rows without a value are left out.
+fn curve(rows: &[Vec<&str>], branch: &str, column: usize, factor: f64) -> Vec<(f64, f64)> {
+    rows.iter()
+        .filter(|row| row[0] == branch)
+        .filter_map(|row| {
+            let value: f64 = row[column].parse().ok()?;
+            Some((row[1].parse().ok()?, (factor * value).max(1e-6)))
+        })
+        .collect()
+}
+
+fn draw_panel(panel: &Area<'_>, title: &str, curves: &[(&str, Vec<(f64, f64)>)]) -> Drawn {
+    let all = || curves.iter().flat_map(|(_, points)| points);
+    let last = all().map(|p| p.0).fold(1.0, f64::max);
+    let low = all().map(|p| p.1).fold(f64::INFINITY, f64::min);
+    let high = all().map(|p| p.1).fold(0.0, f64::max);
+    // A little air around the curves, and some range where there is no curve.
+    let (low, high) = if low <= high {
+        (0.9 * low, 1.1 * high)
+    } else {
+        (0.1, 1.0)
+    };
+    let mut chart = ChartBuilder::on(panel)
+        .margin(10)
+        .x_label_area_size(36)
+        .y_label_area_size(52)
+        .build_cartesian_2d(0.0..last, (low..high).log_scale())?;
+    chart
+        .configure_mesh()
+        .x_desc("steps")
+        .y_desc(title)
+        .light_line_style(GRID)
+        .bold_line_style(GRID)
+        .x_label_formatter(&|v| format!("{v:.0}"))
+        .y_label_formatter(&|v| format!("{v:.3}"))
+        .draw()?;
+    for (i, (branch, points)) in curves.iter().enumerate() {
+        let color = COLORS[i % COLORS.len()];
+        chart
+            .draw_series(LineSeries::new(points.clone(), color.stroke_width(2)))?
+            .label(*branch)
+            .legend(move |(x, y)| {
+                PathElement::new(vec![(x, y), (x + 18, y)], color.stroke_width(2))
+            });
     }
-    out.push_str("</svg>\n");
-    out
+    legend(&mut chart, SeriesLabelPosition::UpperRight)
 }
 
 #[cfg(test)]
@@ -108,9 +98,19 @@ mod tests {
         let log = "branch,step,total,scene_m,reprojection_px,reliability,gradient,rate,seconds,held_out_m\n\
                    keypoints,10,1,0.1,5,0.6,1,0.1,1,0.02\nkeypoints,20,1,0.05,4,0.5,1,0.1,2,\n\
                    segments,10,1,0.2,5,0.6,1,0.1,3,\n";
-        let picture = super::svg(log);
-        assert_eq!(picture.matches("<polyline").count(), 8);
+        let picture = super::plot(log).expect("plot");
+        // Keypoints have all four curves, of two points each; segments three of a single point.
+        for color in ["#1F6FB4", "#C8553D"] {
+            assert!(picture.contains(color), "{color}");
+        }
+        for name in ["keypoints", "segments", "scene distance, cm"] {
+            assert!(picture.contains(name), "{name}");
+        }
         assert!(!picture.contains("NaN"));
-        assert!(super::svg("branch\n").ends_with("</svg>\n"));
+        assert!(
+            super::plot("branch\n")
+                .expect("empty plot")
+                .contains("</svg>")
+        );
     }
 }

@@ -5,8 +5,9 @@
 
 use super::buffer::{Buffer, Kind, SceneFrame};
 use super::held_out::{HeldOut, held_range, judge};
-use super::session::{BranchConfig, Recipe, Session, StepReport};
-use super::{checkpoint, curves, recipe};
+use super::recipe::{self, Recipe};
+use super::session::{BranchConfig, Session, StepReport};
+use super::{checkpoint, curves};
 use crate::files;
 use crate::labels::{LabelledImage, Labels};
 use burn::tensor::Device;
@@ -282,7 +283,8 @@ pub fn train(
             if step.is_multiple_of(CHECKPOINT_EVERY) || is_last || is_stopped {
                 files::write_bytes(&folder.join("log.csv"), log.as_bytes())
                     .map_err(folder_error)?;
-                files::write_bytes(&folder.join("curves.svg"), curves::svg(&log).as_bytes())
+                let curves = curves::plot(&log).map_err(folder_error)?;
+                files::write_bytes(&folder.join("curves.svg"), curves.as_bytes())
                     .map_err(folder_error)?;
                 checkpoint::write(&checkpoint_path, &sessions, seconds()).map_err(folder_error)?;
             }

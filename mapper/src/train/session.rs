@@ -9,6 +9,7 @@ use super::buffer::{Batch, Buffer, Kind, SceneFrame};
 use super::loss::{self, Observations};
 use super::net::{self, Context, Prediction};
 use super::params::{AdamSettings, Leaves, Parameters, numbers};
+use super::recipe::{AnchorStart, Recipe};
 use super::{init, schedule};
 use crate::labels::Labels;
 use burn::tensor::{Device, Tensor, TensorData};
@@ -76,63 +77,6 @@ impl BranchConfig {
                 | Self::Line(LineBranchConfig::Attention(_))
         )
     }
-}
-
-/// Where landmarks come from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum AnchorStart {
-    /// The best tracks of the labels.
-    Landmarks,
-    /// Noise; to measure what the landmarks are worth.
-    Random,
-}
-
-/// How a branch is trained.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Recipe {
-    /// Steps in all.
-    pub steps: usize,
-    /// Images in a batch; with attention only.
-    pub images: usize,
-    /// Rows in a batch, or of each image with attention.
-    pub rows: usize,
-    /// Peak learning rate.
-    pub rate: f64,
-    /// Part of the run in which the rate rises.
-    pub warm_up: f64,
-    /// Factors on the rate of tensors whose name ends so.
-    pub rate_factors: Vec<(String, f64)>,
-    /// Added to every descriptor number.
-    pub descriptor_noise: f64,
-    /// Whether the image-space variants of the pictures are learned from, where the labels have some.
-    pub variants: bool,
-    /// Where landmarks come from.
-    pub anchor_start: AnchorStart,
-    /// Decoupled weight decay of matrices.
-    pub weight_decay: f32,
-    /// Largest norm of the gradient.
-    pub max_gradient_norm: Option<f32>,
-    /// Decay of the running average; 0 for none.
-    pub average_decay: f64,
-    /// Weight of the scene distance.
-    pub scene_weight: f64,
-    /// The scene distance is `limit * tanh(d / limit)`; `None` leaves it straight.
-    pub scene_clamp_m: Option<f64>,
-    /// Weight of the reprojection error in metres.
-    pub reprojection_weight: f64,
-    /// Clamp of the reprojection error in pixels: beginning, end.
-    pub reprojection_clamp_px: [f64; 2],
-    /// Part of the run without the reprojection loss.
-    pub reprojection_start: f64,
-    /// Weight of the reliability.
-    pub reliability_weight: f64,
-    /// Anchored branches: a row is reliable when it reprojects within this.
-    pub reliable_px: f64,
-    /// Sums, pixels and no clamp of the distance, as the paper's code.
-    pub paper_reduction: bool,
-    /// The paper's step-wise rate instead of one cycle.
-    pub halving_rate: bool,
 }
 
 /// Means over a step, for the log.

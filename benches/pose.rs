@@ -3,6 +3,8 @@
 //! Each minimal solver on a thousand random samples, and whole estimates on synthetic rooms.
 //! `benches/pose_peers.py` compares whole estimates with PoseLib on recorded problems, natively and as wasm.
 
+#![expect(missing_docs, reason = "criterion_group! makes public functions")]
+
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use landline::geometry::{CamFromWorld, rotation_from_vector};
 use landline::math::Rng;

@@ -216,10 +216,10 @@ pub fn write_glb(map: &Map, path: &Path) -> io::Result<()> {
             "translation": [t.x, t.y, t.z],
         }));
     }
-    if let Some(root) = nodes.first_mut().and_then(|n| n.as_object_mut()) {
-        if !children.is_empty() {
-            root.insert("children".to_owned(), json!(children));
-        }
+    if let Some(root) = nodes.first_mut().and_then(|n| n.as_object_mut())
+        && !children.is_empty()
+    {
+        root.insert("children".to_owned(), json!(children));
     }
     let mut document = json!({
         "asset": { "version": "2.0", "generator": "landline" },

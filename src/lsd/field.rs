@@ -188,7 +188,13 @@ mod tests {
 
     #[test]
     fn threshold_is_the_last_square_below() {
-        for norm in [0.0, 1.0, 5.226251859505506, 2.0 / 0.38268343236508978, 1e6] {
+        for norm in [
+            0.0,
+            1.0,
+            5.226251859505506,
+            2.0 / 0.382_683_432_365_089_8,
+            1e6,
+        ] {
             let t = square_threshold(norm);
             assert!(0.5 * t.sqrt() <= norm, "{norm}");
             assert!(0.5 * t.next_up().sqrt() > norm, "{norm}");

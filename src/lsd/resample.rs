@@ -265,8 +265,8 @@ mod tests {
         for u in 0..16 {
             let start = (5 * (u / 4) + kernels::DEFAULT_STARTS[u % 4]) as i64 - 3;
             assert_eq!(table.starts[u], start, "{u}");
-            for i in 0..TAPS {
-                let (a, b) = (table.weights[u * TAPS + i], DEFAULT_WEIGHTS[u % 4][i]);
+            for (i, b) in DEFAULT_WEIGHTS[u % 4].into_iter().enumerate() {
+                let a = table.weights[u * TAPS + i];
                 assert!((a - b).abs() <= 1e-15 * b, "{u} {i}: {a} {b}");
             }
         }

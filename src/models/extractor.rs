@@ -236,10 +236,10 @@ mod tests {
         // Index coordinate, legacy and exact cell position for a picture 640 wide, computed from the released formula.
         for (k, legacy, exact) in [
             (0.0, -0.43509, -0.43750),
-            (100.0, 11.99607, 12.06250),
-            (320.0, 39.34461, 39.56250),
-            (635.0, 78.50275, 78.93750),
-            (639.0, 79.0, 79.43750),
+            (100.0, 11.99607, 12.0625),
+            (320.0, 39.34461, 39.5625),
+            (635.0, 78.50275, 78.9375),
+            (639.0, 79.0, 79.4375),
         ] {
             for (sampler, expected) in [(Sampler::Legacy, legacy), (Sampler::Exact, exact)] {
                 let map = sampler.axis(640, 640);

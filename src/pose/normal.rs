@@ -24,6 +24,10 @@ impl Normal {
     }
 
     #[inline]
+    #[expect(
+        clippy::needless_range_loop,
+        reason = "two indices over three arrays read as the formula"
+    )]
     pub(super) fn add<const D: usize>(&mut self, rows: &[Row; 2], r: &[f64; 2], weight: f64) {
         for (row, r) in rows.iter().zip(r) {
             for i in 0..D {

@@ -131,7 +131,7 @@ impl Search {
             return run.stats;
         }
         loop {
-            if run.stats.iterations % ROUND == 0 {
+            if run.stats.iterations.is_multiple_of(ROUND) {
                 if watch.is_search_over() {
                     run.stats.stop = StopReason::TimeBudget;
                     break;
@@ -190,7 +190,7 @@ impl Search {
         let wanted = 3.0 / hit.max(1e-9);
         let samples = (wanted.min(f64::from(MAX_RIVAL_SAMPLES)) as u32).min(run.stats.iterations);
         for i in 0..samples {
-            if i % ROUND == 0 && watch.is_search_over() {
+            if i.is_multiple_of(ROUND) && watch.is_search_over() {
                 return;
             }
             self.sample(run, REST);

@@ -126,10 +126,10 @@ mod tests {
                 let up = residuals::perturbed(&m, &step);
                 step[c] = -h;
                 let down = residuals::perturbed(&m, &step);
-                for k in 0..2 {
+                for (k, row) in rows.iter().enumerate() {
                     let at = |m: &Model| gravity_residuals(m, &g_cam, &g_world, 0.02)[k].0;
                     let numeric = (at(&up) - at(&down)) / (2.0 * h);
-                    assert!((numeric - rows[k].1[c]).abs() < 1e-6 * (1.0 + numeric.abs()));
+                    assert!((numeric - row.1[c]).abs() < 1e-6 * (1.0 + numeric.abs()));
                 }
                 let numeric =
                     (prior_residual(&up, &prior).0 - prior_residual(&down, &prior).0) / (2.0 * h);

@@ -98,7 +98,7 @@ fn synthetic_edges_are_placed_without_bias() {
             angles.push(sine.asin().to_degrees().abs());
         }
         angles.sort_by(f64::total_cmp);
-        let (bias, rms, angle) = (sum / count, (square_sum / count as f64).sqrt(), angles[18]);
+        let (bias, rms, angle) = (sum / count, (square_sum / count).sqrt(), angles[18]);
         println!(
             "scale {scale}: bias {bias:+.4} px, rms {rms:.4} px, median angle error {angle:.4} deg"
         );
@@ -499,7 +499,7 @@ fn inputs_that_disagree_are_named() {
         let message = error(bad).expect_err("refused").to_string();
         assert!(message.contains(want), "{message}");
     }
-    assert!(MAX_SIDE * MAX_SIDE > MAX_PIXELS);
+    const { assert!(MAX_SIDE * MAX_SIDE > MAX_PIXELS) };
     let huge = GrayView {
         width: MAX_SIDE,
         height: MAX_SIDE,

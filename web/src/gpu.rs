@@ -1,7 +1,7 @@
 //! Whether the networks run on the GPU, and why not.
 
 use js_sys::{Function, Promise, Reflect};
-use landline::nn::gpu::{AdapterChoice, GpuDevice, GpuError, Timer};
+use landline::nn::gpu::{AdapterChoice, GpuDevice, Timer};
 use landline::relocalizer::{GpuNetworks, Relocalizer, RelocalizerOptions};
 use landline::scene_file::{ExtractorFile, SceneFile};
 use wasm_bindgen::prelude::wasm_bindgen;
@@ -86,7 +86,7 @@ pub(crate) async fn choose(
     };
     let networks = async {
         let gpu = GpuDevice::request(choice).await?;
-        Ok::<_, GpuError>(GpuNetworks::new(gpu, scene, extractor, change, Some(timer())).await?)
+        GpuNetworks::new(gpu, scene, extractor, change, Some(timer())).await
     };
     match networks.await {
         Ok(networks) if device == Device::Auto => core.try_gpu(networks),

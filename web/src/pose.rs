@@ -45,6 +45,10 @@ impl PoseSolver {
     ///
     /// # Errors
     /// When an array's length is no multiple of its stride, or the camera or an option has no meaning.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "flat numbers cross the border without making objects"
+    )]
     pub fn solve(
         &mut self,
         points: &[f64],

@@ -31,14 +31,14 @@ impl Options {
         let options: Self = serde_json::from_str(json)
             .map_err(|e| js_error(Code::BadInput, &format!("options: {e}")))?;
         if let Some(side) = options.max_side
-            && !(side >= 1.0 && side <= 8192.0 && side.fract() == 0.0)
+            && !((1.0..=8192.0).contains(&side) && side.fract() == 0.0)
         {
             let message =
                 format!("option maxSide is {side}; it must be a whole number of pixels up to 8192");
             return Err(js_error(Code::BadInput, &message));
         }
         if let Some(seed) = options.seed
-            && !(seed >= 0.0 && seed < 9.1e15 && seed.fract() == 0.0)
+            && !((0.0..9.1e15).contains(&seed) && seed.fract() == 0.0)
         {
             let message =
                 format!("option seed is {seed}; it must be a whole number that is not negative");

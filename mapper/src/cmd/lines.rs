@@ -297,10 +297,11 @@ fn png(path: &Path, segments: &[Segment2]) -> Result<Vec<u8>> {
                 s.start.y + t * (s.end.y - s.start.y),
             );
             // Corner-based: pixel (0, 0) covers 0..1.
-            if x >= 0.0 && y >= 0.0 {
-                if let Some(pixel) = picture.get_pixel_mut_checked(x as u32, y as u32) {
-                    *pixel = Rgb([255, 45, 85]);
-                }
+            if x >= 0.0
+                && y >= 0.0
+                && let Some(pixel) = picture.get_pixel_mut_checked(x as u32, y as u32)
+            {
+                *pixel = Rgb([255, 45, 85]);
             }
         }
     }

@@ -222,9 +222,9 @@ pub(super) fn read_ace(root: &Path) -> Result<Dataset, DatasetError> {
                 v.extend(line.finite(&line.fields())?);
             }
             let (w, h) = (f64::from(size.0), f64::from(size.1));
-            let params = match v.as_slice() {
-                &[f] => vec![f, f, 0.5 * w, 0.5 * h],
-                &[fx, _, cx, _, fy, cy, ..] if v.len() == 9 => vec![fx, fy, cx, cy],
+            let params = match *v.as_slice() {
+                [f] => vec![f, f, 0.5 * w, 0.5 * h],
+                [fx, _, cx, _, fy, cy, ..] if v.len() == 9 => vec![fx, fy, cx, cy],
                 _ => {
                     return Err(DatasetError::missing(
                         &calibration,

@@ -144,14 +144,14 @@ pub fn build_from(
         .iter()
         .map(|(image, pose, f)| View::new(image.camera, *pose, f))
         .collect();
-    if let Some(check) = check_convention(&views, 40, params.matches.min_cosine) {
-        if let Some(misreading) = check.misreading() {
-            return Err(LabelError::PoseConvention {
-                as_given: 100.0 * check.as_given,
-                other: 100.0 * check.best_other.1,
-                misreading,
-            });
-        }
+    if let Some(check) = check_convention(&views, 40, params.matches.min_cosine)
+        && let Some(misreading) = check.misreading()
+    {
+        return Err(LabelError::PoseConvention {
+            as_given: 100.0 * check.as_given,
+            other: 100.0 * check.best_other.1,
+            misreading,
+        });
     }
     let mut stats = LabelStats::default();
     let tracks = point_tracks(&views, imported, params, progress, &mut stats)?;

@@ -144,10 +144,10 @@ pub fn check_convention(
     let as_given = median(0)?;
     let mut best_other = (Misreading::WorldFromCam, 0.0);
     for (k, (misreading, _)) in READINGS.iter().enumerate() {
-        if let (Some(misreading), Some(share)) = (misreading, median(k)) {
-            if share > best_other.1 {
-                best_other = (*misreading, share);
-            }
+        if let (Some(misreading), Some(share)) = (misreading, median(k))
+            && share > best_other.1
+        {
+            best_other = (*misreading, share);
         }
     }
     Some(ConventionCheck {

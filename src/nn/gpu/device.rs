@@ -183,6 +183,13 @@ impl GpuDevice {
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
             note(&of_refusal.refused, error.to_string());
         }));
+        #[cfg_attr(
+            target_arch = "wasm32",
+            expect(
+                clippy::arc_with_non_send_sync,
+                reason = "natively it may be sent, and the code is the same"
+            )
+        )]
         let gpu = Arc::new(Self {
             device,
             queue,

@@ -48,12 +48,12 @@ pub(super) fn merge(
             }
             let mut all = target.observations.clone();
             all.extend(&track.observations);
-            if let Some(joined) = settle(views, &all, params) {
-                if joined.observations.len() * 10 >= all.len() * 8 {
-                    *target = joined;
-                    taken = true;
-                    break;
-                }
+            if let Some(joined) = settle(views, &all, params)
+                && joined.observations.len() * 10 >= all.len() * 8
+            {
+                *target = joined;
+                taken = true;
+                break;
             }
         }
         if !taken {

@@ -8,7 +8,10 @@
 //! only ranks candidates; whatever is kept is computed again in f64.
 //! No allocation; one division for each correspondence.
 
-#![expect(unsafe_code, reason = "SIMD intrinsics")]
+#![cfg_attr(
+    any(target_arch = "x86_64", target_arch = "wasm32"),
+    expect(unsafe_code, reason = "SIMD intrinsics")
+)]
 
 /// Correspondences in a block.
 pub(super) const LANES: usize = 4;

@@ -228,9 +228,13 @@ pub(super) unsafe fn run_tile<L: Lanes>(rows: usize, narrow: bool, tile: &Tile) 
 
 /// Runs `rows` rows of one panel, tile after tile; `tile` describes the first row.
 ///
+/// A function of its own in wasm: V8 gives registers function by function, and inside a convolution it would spill the sums,
+/// at half the speed. Smaller pieces (a tile, a call each) are slower again.
+///
 /// # Safety
 /// As for [`micro`], for all rows.
-#[inline(always)]
+#[cfg_attr(target_arch = "wasm32", inline(never))]
+#[cfg_attr(not(target_arch = "wasm32"), inline(always))]
 pub(super) unsafe fn run_panel<L: Lanes>(rows: usize, narrow: bool, tile: &Tile) {
     let most = if narrow {
         L::NARROW_TILE_ROWS

@@ -129,7 +129,7 @@ with torch.inference_mode():
     superpoint, line, tokens = build_native()
     mine, theirs = network(3, "line.safetensors", 300, 0, tokens), session("line_300.onnx", tokens)
     mine()
-    found = {"ours": [mine.output(2, 1800)], "PyTorch": [line(tokens)[1].numpy()], "onnxruntime": [theirs()[1]]}
+    found = {"ours": [mine.output(1, 1800)], "PyTorch": [line(tokens)[1].numpy()], "onnxruntime": [theirs()[1]]}
     compare("line branch 300", [build_native()[1].double()(tokens.double())[1].numpy()], found, [folder / "none"])
     report("line branch, 300 segments", 0, race([mine, lambda: line(tokens), theirs]), labels)
     mine, theirs = network(1, "superpoint.safetensors", 640, 480, gray), session("superpoint.onnx", gray)

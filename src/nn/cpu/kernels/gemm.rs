@@ -168,30 +168,50 @@ unsafe fn micro<L: Lanes, const MR: usize, const NV: usize>(tile: &Tile) {
             step::<L, MR, NV>(&mut acc, |row| rows[row].add(k), b);
             b = b.add(width);
         }
-        for (row, sums) in acc.iter().enumerate() {
-            let c = tile.c.add(row * tile.c_stride);
-            for (v, &sum) in sums.iter().enumerate() {
-                let first = v * L::LANES;
-                let count = tile.columns.saturating_sub(first);
-                let mut x = sum;
-                if !tile.residual.is_null() {
-                    let residual = tile.residual.add(row * tile.residual_stride + first);
-                    let residual = if count >= L::LANES {
-                        L::load(residual)
-                    } else {
-                        L::load_part(residual, count, 0.0)
-                    };
-                    x = x.add(residual);
-                }
-                if tile.relu {
-                    x = x.max(L::splat(0.0));
-                }
-                if count >= L::LANES {
-                    x.store(c.add(first));
-                } else {
-                    x.store_part(c.add(first), count);
-                }
-            }
+        // Written out, so that every index into the sums is a constant: with a single one that is not, they would live in
+        // memory and be stored at every step of the depth.
+        macro_rules! finish_rows {
+            ($($row:literal)*) => {
+                $(if let Some(sums) = acc.get($row) {
+                    finish(tile, $row, 0, sums[0]);
+                    if NV > 1 {
+                        finish(tile, $row, 1, sums[1 % NV]);
+                    }
+                })*
+            };
+        }
+        finish_rows!(0 1 2 3 4 5 6 7 8 9 10 11);
+    }
+}
+
+/// Adds the residual to a finished vector of a tile, and writes it.
+///
+/// # Safety
+/// As for [`micro`].
+#[inline(always)]
+unsafe fn finish<L: Lanes>(tile: &Tile, row: usize, vector: usize, sum: L) {
+    let first = vector * L::LANES;
+    let count = tile.columns.saturating_sub(first);
+    let mut x = sum;
+    // SAFETY: passed on to the caller.
+    unsafe {
+        let c = tile.c.add(row * tile.c_stride + first);
+        if !tile.residual.is_null() {
+            let residual = tile.residual.add(row * tile.residual_stride + first);
+            let residual = if count >= L::LANES {
+                L::load(residual)
+            } else {
+                L::load_part(residual, count, 0.0)
+            };
+            x = x.add(residual);
+        }
+        if tile.relu {
+            x = x.max(L::splat(0.0));
+        }
+        if count >= L::LANES {
+            x.store(c);
+        } else {
+            x.store_part(c, count);
         }
     }
 }

@@ -9,7 +9,7 @@ use std::io;
 const STYLE: &str = "\
 body{font:15px/1.5 system-ui,sans-serif;color:#1c2024;background:#fff;max-width:1180px;margin:32px auto;padding:0 20px}\
 h1{font-size:24px;margin:0 0 4px}h2{font-size:18px;margin:32px 0 8px}p{margin:6px 0}.quiet{color:#60666c}\
-table{border-collapse:collapse;margin:8px 0;font-variant-numeric:tabular-nums}\
+table{border-collapse:collapse;display:block;overflow-x:auto;max-width:100%;margin:8px 0;font-variant-numeric:tabular-nums}\
 th,td{padding:5px 12px;text-align:right;border-bottom:1px solid #e4e7ea}th{font-weight:600;color:#3a4046}\
 th:first-child,td:first-child{text-align:left;padding-left:0}tr.main td{font-weight:600}\
 .plots{display:flex;flex-wrap:wrap;gap:12px}.plots svg{max-width:100%;height:auto}\

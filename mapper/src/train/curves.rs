@@ -1,6 +1,8 @@
 //! Loss curves as an SVG picture, drawn from the log.
 
 use crate::plot::{Area, Drawn, GRID, legend, svg};
+use plotters::coord::ranged1d::ValueFormatter;
+use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use std::io;
 
@@ -65,11 +67,29 @@ fn draw_panel(panel: &Area<'_>, title: &str, curves: &[(&str, Vec<(f64, f64)>)])
     } else {
         (0.1, 1.0)
     };
-    let mut chart = ChartBuilder::on(panel)
+    let mut builder = ChartBuilder::on(panel);
+    builder
         .margin(10)
         .x_label_area_size(36)
-        .y_label_area_size(52)
-        .build_cartesian_2d(0.0..last, (low..high).log_scale())?;
+        .y_label_area_size(52);
+    // A logarithmic axis of less than a decade has hardly a number on it.
+    if high > 10.0 * low {
+        let chart = builder.build_cartesian_2d(0.0..last, (low..high).log_scale())?;
+        draw_curves(chart, title, curves)
+    } else {
+        let chart = builder.build_cartesian_2d(0.0..last, low..high)?;
+        draw_curves(chart, title, curves)
+    }
+}
+
+fn draw_curves<'a, 'b: 'a, Y>(
+    mut chart: ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, Y>>,
+    title: &str,
+    curves: &[(&str, Vec<(f64, f64)>)],
+) -> Drawn
+where
+    Y: Ranged<ValueType = f64> + ValueFormatter<f64>,
+{
     chart
         .configure_mesh()
         .x_desc("steps")

@@ -17,3 +17,40 @@ pub mod pose;
 pub mod sample;
 #[cfg(feature = "train")]
 pub mod train;
+
+/// What went wrong, outermost first; a cause that the text before it already ends with is not told again.
+pub fn told(error: &anyhow::Error) -> String {
+    let mut text = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if text.ends_with(&cause) {
+            continue;
+        }
+        if !text.is_empty() {
+            text.push_str(": ");
+        }
+        text.push_str(&cause);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use anyhow::Context as _;
+
+    #[derive(Debug, thiserror::Error)]
+    #[error("writing room.landline: {source}")]
+    struct Write {
+        source: std::io::Error,
+    }
+
+    #[test]
+    fn causes_are_told_once() {
+        let source = std::io::Error::other("disk full");
+        let error = Err::<(), _>(Write { source }).context("training");
+        let error = error.expect_err("an error");
+        assert_eq!(
+            super::told(&error),
+            "training: writing room.landline: disk full"
+        );
+    }
+}

@@ -97,7 +97,10 @@ where
         .light_line_style(GRID)
         .bold_line_style(GRID)
         .x_label_formatter(&|v| format!("{v:.0}"))
-        .y_label_formatter(&|v| format!("{v:.3}"))
+        .y_label_formatter(&|v| {
+            let text = format!("{v:.3}");
+            text.trim_end_matches('0').trim_end_matches('.').to_owned()
+        })
         .draw()?;
     for (i, (branch, points)) in curves.iter().enumerate() {
         let color = COLORS[i % COLORS.len()];

@@ -16,3 +16,4 @@ pub mod pose;
 pub mod regress;
 pub mod relocalizer;
 pub mod scene_file;
+pub mod simd;

@@ -23,7 +23,7 @@ use kernels::{
     soft_choice::{self, SoftChoice},
 };
 
-pub use kernels::lanes::Level;
+pub use crate::simd::Level;
 
 use super::{
     error::NnError,

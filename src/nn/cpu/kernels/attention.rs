@@ -3,10 +3,8 @@
 //! Exponentials are powers of two: the factor is part of the scores.
 //! The memory is independent of the square of the number of rows; within a tile both products use the matrix kernel.
 
-use super::{
-    gemm::{Rows, Tile, panel_width, run_panel},
-    lanes::{Lanes, Level, entry},
-};
+use super::gemm::{Rows, Tile, panel_width, run_panel};
+use crate::simd::kernels::{Lanes, Level, entry};
 
 /// Keys per tile.
 const KEYS: usize = 128;

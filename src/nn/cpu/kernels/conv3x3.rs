@@ -3,8 +3,8 @@
 use super::{
     elementwise::copy_short,
     gemm::{Packed, Rows, Tile, panel_width, run_panel},
-    lanes::{Lanes, entry},
 };
+use crate::simd::kernels::{Lanes, entry};
 
 /// A 3x3 convolution: `relu?(conv + bias + residual)`.
 pub(in crate::nn::cpu) struct Convolution<'a> {

@@ -3,9 +3,9 @@
 use super::{
     attention::{add_scaled, scale_row},
     gemm::Rows,
-    lanes::{Lanes, entry},
 };
 use crate::nn::op::{Activation, AxisMap, Filter};
+use crate::simd::kernels::{Lanes, entry};
 
 #[inline(always)]
 fn activate_lanes<L: Lanes>(x: L, activation: Activation) -> L {

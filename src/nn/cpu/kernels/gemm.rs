@@ -5,7 +5,7 @@
 //! and ReLU are applied while the tile is in registers. A 3x3 convolution is the same product with overlapping left-hand
 //! rows (see `conv3x3`).
 
-use super::lanes::{Lanes, Level, entry};
+use crate::simd::kernels::{Lanes, Level, entry};
 
 /// Most rows of the left-hand matrix that are used against all panels before the next ones.
 const BLOCK_ROWS: usize = 96;

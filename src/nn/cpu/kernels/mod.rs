@@ -1,6 +1,6 @@
 //! The inner loops: the only part of the runtime with SIMD and `unsafe`.
 //!
-//! Each kernel is generic over a vector type ([`lanes`]) and compiled for every instruction set of the target; the level
+//! Each kernel is generic over a vector type (`crate::simd`) and compiled for every instruction set of the target; the level
 //! is chosen once, when an executor is made. Natively the levels are AVX-512, AVX2 with FMA, NEON with FMA, and the portable one;
 //! in wasm there is the portable one only, by simd128.
 #![expect(
@@ -13,6 +13,5 @@ pub(super) mod attention;
 pub(super) mod conv3x3;
 pub(super) mod elementwise;
 pub(super) mod gemm;
-pub(super) mod lanes;
 pub(super) mod norm;
 pub(super) mod soft_choice;

@@ -3,8 +3,8 @@
 use super::{
     attention::{dot, scale_row},
     gemm::Rows,
-    lanes::{Lanes, entry},
 };
+use crate::simd::kernels::{Lanes, entry};
 
 /// Numbers that are summed in `f32` before they go to a `f64` sum.
 const CHUNK: usize = 256;

@@ -1,9 +1,7 @@
 //! Soft choice among anchors: similarities by the matrix kernel, a block of rows at a time, then one pass per row.
 
-use super::{
-    gemm::{Packed, Product, Rows, product},
-    lanes::{Lanes, entry},
-};
+use super::gemm::{Packed, Product, Rows, product};
+use crate::simd::kernels::{Lanes, entry};
 
 /// Rows per block.
 const ROWS: usize = 24;

@@ -2,9 +2,10 @@
 //!
 //! The methods are safe to call only where the instruction set exists. That holds because the types are used only inside
 //! functions made by [`entry`], which are reached only through a [`Level`] that [`Level::best`] found on this machine.
+#![expect(unsafe_code, reason = "vector instructions")]
 
 #[cfg(target_arch = "aarch64")]
-pub(super) mod neon;
+pub(crate) mod neon;
 // Where there are vectors of four, plain Rust is what they are compared with.
 #[cfg(any(
     test,
@@ -18,20 +19,20 @@ mod plain;
 #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
 mod simd128;
 #[cfg(target_arch = "x86_64")]
-pub(super) mod x86;
+pub(crate) mod x86;
 
 #[cfg(target_arch = "aarch64")]
-pub(super) use neon::Separate as Portable;
+pub(crate) use neon::Separate as Portable;
 #[cfg(not(any(
     target_arch = "x86_64",
     target_arch = "aarch64",
     all(target_arch = "wasm32", target_feature = "simd128")
 )))]
-pub(super) use plain::Plain as Portable;
+pub(crate) use plain::Plain as Portable;
 #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
-pub(super) use simd128::Simd128 as Portable;
+pub(crate) use simd128::Simd128 as Portable;
 #[cfg(target_arch = "x86_64")]
-pub(super) use x86::Sse2 as Portable;
+pub(crate) use x86::Sse2 as Portable;
 
 /// How the kernels compute: an instruction set, and with it the order and rounding of sums.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -123,10 +124,10 @@ impl Level {
 macro_rules! entry {
     ($(#[$doc:meta])* $visibility:vis fn $name:ident($($arg:ident: $type:ty),* $(,)?) => $generic:ident) => {
         $(#[$doc])*
-        $visibility fn $name(level: $crate::nn::cpu::kernels::lanes::Level, $($arg: $type),*) {
-            use $crate::nn::cpu::kernels::lanes::{Level, Portable};
+        $visibility fn $name(level: $crate::simd::kernels::Level, $($arg: $type),*) {
+            use $crate::simd::kernels::{Level, Portable};
             #[cfg(target_arch = "x86_64")]
-            use $crate::nn::cpu::kernels::lanes::x86::{Avx2, Avx512};
+            use $crate::simd::kernels::x86::{Avx2, Avx512};
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx2,fma")]
             fn avx2($($arg: $type),*) {
@@ -146,18 +147,18 @@ macro_rules! entry {
                 // SAFETY: as above.
                 Level::Avx512 => unsafe { avx512($($arg),*) },
                 #[cfg(target_arch = "aarch64")]
-                Level::Neon => $generic::<$crate::nn::cpu::kernels::lanes::neon::Neon>($($arg),*),
+                Level::Neon => $generic::<$crate::simd::kernels::neon::Neon>($($arg),*),
             }
         }
     };
 }
-pub(super) use entry;
+pub(crate) use entry;
 
 /// Adding this rounds a small number to an integer, which then stands in the low bits of the sum.
 const ROUNDER: f32 = 12_582_912.0;
 
 /// A vector of `f32`.
-pub(in crate::nn::cpu::kernels) trait Lanes: Copy {
+pub(crate) trait Lanes: Copy {
     /// The vector instructions.
     const INSTRUCTIONS: &'static str;
     /// Numbers in the vector.

@@ -4,7 +4,7 @@ use super::Lanes;
 
 /// Four numbers in plain Rust.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::nn::cpu::kernels) struct Plain([f32; 4]);
+pub(crate) struct Plain([f32; 4]);
 
 impl Plain {
     #[inline(always)]

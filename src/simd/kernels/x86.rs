@@ -21,7 +21,7 @@ macro_rules! simple {
 
 /// Four numbers, for the portable level: no fused multiply-add.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::nn::cpu::kernels) struct Sse2(__m128);
+pub(crate) struct Sse2(__m128);
 
 impl Lanes for Sse2 {
     const INSTRUCTIONS: &'static str = "sse2";
@@ -94,7 +94,7 @@ impl Lanes for Sse2 {
 
 /// Eight numbers.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::nn::cpu::kernels) struct Avx2(__m256);
+pub(crate) struct Avx2(__m256);
 
 impl Lanes for Avx2 {
     const INSTRUCTIONS: &'static str = "avx2";
@@ -167,7 +167,7 @@ impl Lanes for Avx2 {
 
 /// Sixteen numbers.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::nn::cpu::kernels) struct Avx512(__m512);
+pub(crate) struct Avx512(__m512);
 
 impl Lanes for Avx512 {
     const INSTRUCTIONS: &'static str = "avx512f";

@@ -6,11 +6,11 @@ use super::Lanes;
 
 /// Four numbers with fused multiply-add.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::nn::cpu::kernels) struct Neon(float32x4_t);
+pub(crate) struct Neon(float32x4_t);
 
 /// Four numbers for the portable level: products are rounded before they are added.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::nn::cpu::kernels) struct Separate(float32x4_t);
+pub(crate) struct Separate(float32x4_t);
 
 /// Wraps intrinsics.
 macro_rules! simple {

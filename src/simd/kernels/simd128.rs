@@ -5,7 +5,7 @@ use super::Lanes;
 
 /// Four numbers.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::nn::cpu::kernels) struct Simd128(v128);
+pub(crate) struct Simd128(v128);
 
 impl Lanes for Simd128 {
     const INSTRUCTIONS: &'static str = "simd128";

@@ -38,6 +38,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 point_in_world,
                 confidence: 0.7,
                 sigma_m: 0.0,
+                sigma_px: 0.0,
             }
         })
         .collect();
@@ -52,6 +53,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 end_in_world,
                 confidence,
                 sigma_m,
+                sigma_px: 0.0,
             }
         })
         .collect();

@@ -1,6 +1,6 @@
 //! The likelihood of a correspondence: inliers follow a bivariate Student-t, outliers are uniform.
 //!
-//! `sigma^2 = sigma_px^2 + (f sigma_world / depth)^2`; odds are those of inlier over outlier.
+//! `sigma^2 = (px_factor sigma_px)^2 + (f sigma_world / depth)^2`; odds are those of inlier over outlier.
 
 use crate::math::elementary::ln;
 
@@ -14,8 +14,8 @@ pub(super) const NEGLIGIBLE: f64 = 1e-7;
 /// The noise model of the full loss.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Noise {
-    /// Of a detected pixel.
-    pub(super) sigma_px: f64,
+    /// Factor on the standard deviations of the pixels.
+    pub(super) px_factor: f64,
     /// Of a world coordinate whose own sigma is unknown, normalised units.
     pub(super) world_sigma: f64,
     /// Added to the prior logits of points and lines: the network's overall optimism.

@@ -40,4 +40,4 @@ pub use types::{
     Degeneracy, LineCorrespondence, PointCorrespondence, PoseError, PoseEstimate, PoseOutcome,
     PoseStats, PoseStatus, RunnerUp, SolverStats, StopReason,
 };
-pub use verdict::{Inliers, PoseScratch, estimate};
+pub use verdict::{Inliers, PoseScratch, estimate, refine};

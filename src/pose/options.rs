@@ -2,7 +2,7 @@
 
 use super::types::PoseError;
 use crate::geometry::CamFromWorld;
-use nalgebra::{Matrix6, Vector3};
+use nalgebra::{Matrix3, Matrix6, Vector3};
 
 /// The direction of gravity as an inertial sensor reports it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -156,19 +156,7 @@ impl PoseOptions {
             positive("gravity.in_world (length)", gravity.in_world.norm())?;
         }
         if let Some(prior) = &self.prior {
-            let given = &prior.cam_from_world;
-            let sum = given.rotation.sum() + given.translation.sum();
-            let skew = (given.rotation.transpose() * given.rotation
-                - nalgebra::Matrix3::identity())
-            .abs()
-            .max();
-            if !sum.is_finite() || !(skew < 1e-6) || given.rotation.determinant() < 0.0 {
-                return Err(PoseError::Option {
-                    name: "prior.cam_from_world (distance of its rotation from an orthonormal one)",
-                    value: skew,
-                    expected: "a finite rigid transform",
-                });
-            }
+            rigid("prior.cam_from_world", &prior.cam_from_world)?;
             if let Some(covariance) = &prior.covariance
                 && covariance.cholesky().is_none()
             {
@@ -181,4 +169,20 @@ impl PoseOptions {
         }
         Ok(())
     }
+}
+
+/// Checks that a given pose is one.
+pub(super) fn rigid(name: &'static str, given: &CamFromWorld) -> Result<(), PoseError> {
+    let sum = given.rotation.sum() + given.translation.sum();
+    let skew = (given.rotation.transpose() * given.rotation - Matrix3::identity())
+        .abs()
+        .max();
+    if sum.is_finite() && skew < 1e-6 && given.rotation.determinant() > 0.0 {
+        return Ok(());
+    }
+    Err(PoseError::Option {
+        name,
+        value: skew,
+        expected: "a finite rigid transform (the value is how far its rotation is from an orthonormal one)",
+    })
 }

@@ -61,6 +61,8 @@ pub(super) struct PointItem {
     pub(super) belief: Belief,
     /// Standard deviation of the world point in normalised units; 0 when unknown.
     pub(super) sigma: f64,
+    /// Standard deviation of the pixel.
+    pub(super) sigma_px: f64,
     /// Index in the caller's list.
     pub(super) source: u32,
 }
@@ -76,6 +78,7 @@ pub(super) struct LineItem {
     pub(super) length_px: f64,
     pub(super) belief: Belief,
     pub(super) sigma: f64,
+    pub(super) sigma_px: f64,
     pub(super) source: u32,
 }
 
@@ -214,12 +217,20 @@ impl Problem {
             let (low, high) = PROBABILITY_RANGE;
             (slope * logit(c) + offset).clamp(logit(low), logit(high))
         };
+        let sigma_px = |given: f32| {
+            if given > 0.0 {
+                f64::from(given)
+            } else {
+                options.sigma_px
+            }
+        };
         for (i, p) in points.iter().enumerate() {
             if !(p.pixel.x.is_finite()
                 && p.pixel.y.is_finite()
                 && is_finite(&p.point_in_world)
                 && is_confidence(p.confidence)
-                && is_sigma(p.sigma_m))
+                && is_sigma(p.sigma_m)
+                && is_sigma(p.sigma_px))
             {
                 self.num_invalid += 1;
                 continue;
@@ -237,6 +248,7 @@ impl Problem {
                 x: p.point_in_world,
                 belief: Belief::from_logit(prior_logit(p.confidence)),
                 sigma: f64::from(p.sigma_m),
+                sigma_px: sigma_px(p.sigma_px),
                 source: i as u32,
             });
         }
@@ -250,6 +262,7 @@ impl Problem {
                 && is_finite(&l.end_in_world)
                 && is_confidence(l.confidence)
                 && is_sigma(l.sigma_m)
+                && is_sigma(l.sigma_px)
                 && length > 0.0)
             {
                 self.num_invalid += 1;
@@ -276,6 +289,7 @@ impl Problem {
                 length_px,
                 belief: Belief::from_logit(prior_logit(l.confidence)),
                 sigma: f64::from(l.sigma_m),
+                sigma_px: sigma_px(l.sigma_px),
                 source: i as u32,
             });
         }
@@ -410,6 +424,7 @@ mod tests {
                 point_in_world: offset + Vector3::new(f64::from(i), f64::from(i * i % 5), 1.0),
                 confidence: 0.5,
                 sigma_m: 0.0,
+                sigma_px: 0.0,
             })
             .collect();
         let mut problem = Problem::default();
@@ -432,6 +447,7 @@ mod tests {
             point_in_world: Vector3::new(1.0, 2.0, 3.0),
             confidence: 0.5,
             sigma_m: 0.0,
+            sigma_px: 0.0,
         };
         let line = LineCorrespondence {
             start: Pixel::new(10.0, 10.0),
@@ -440,6 +456,7 @@ mod tests {
             end_in_world: Vector3::x(),
             confidence: 0.5,
             sigma_m: 0.0,
+            sigma_px: 0.0,
         };
         let nan = f64::NAN;
         let points = [
@@ -464,6 +481,10 @@ mod tests {
                 sigma_m: -1.0,
                 ..good
             },
+            PointCorrespondence {
+                sigma_px: f32::NAN,
+                ..good
+            },
         ];
         let lines = [
             line,
@@ -480,6 +501,6 @@ mod tests {
         let camera = Camera::centered(640, 480, 500.0);
         problem.load(&points, &lines, &camera, &PoseOptions::default());
         assert_eq!((problem.points.len(), problem.lines.len()), (1, 1));
-        assert_eq!(problem.num_invalid, 7);
+        assert_eq!(problem.num_invalid, 8);
     }
 }

@@ -157,6 +157,7 @@ fn read_problem(reader: &mut Reader<'_>) -> Result<RecordedProblem, ProblemFileE
             point_in_world: Vector3::new(x, y, z),
             confidence: confidence as f32,
             sigma_m: 0.0,
+            sigma_px: 0.0,
         });
         out.is_point_inlier.push(is_inlier > 0.5);
     }
@@ -169,6 +170,7 @@ fn read_problem(reader: &mut Reader<'_>) -> Result<RecordedProblem, ProblemFileE
             end_in_world: Vector3::new(n[7], n[8], n[9]),
             confidence: n[10] as f32,
             sigma_m: 0.0,
+            sigma_px: 0.0,
         });
         out.is_line_inlier.push(n[11] > 0.5);
     }

@@ -77,14 +77,8 @@ struct Run<'a> {
 }
 
 impl Search {
-    /// Searches; afterwards `kept` holds the distinct models found, best first.
-    pub(super) fn run(
-        &mut self,
-        problem: &Problem,
-        options: &PoseOptions,
-        soft: &Soft,
-        watch: &mut Watch<'_>,
-    ) -> PoseStats {
+    /// Prepares ranking and refinement; nothing is kept yet.
+    pub(super) fn load(&mut self, problem: &Problem, options: &PoseOptions) {
         self.ranker.load(
             problem,
             options.max_point_error_px,
@@ -95,9 +89,20 @@ impl Search {
             self.ranker.point_sigma_px,
             self.ranker.line_sigma_px,
         );
-        self.sampler.load(problem);
         self.kept.clear();
         self.kept.reserve(NUM_KEPT + 1);
+    }
+
+    /// Searches; afterwards `kept` holds the distinct models found, best first.
+    pub(super) fn run(
+        &mut self,
+        problem: &Problem,
+        options: &PoseOptions,
+        soft: &Soft,
+        watch: &mut Watch<'_>,
+    ) -> PoseStats {
+        self.load(problem, options);
+        self.sampler.load(problem);
         let is_focal_unknown = options.focal == Focal::Unknown;
         let mut run = Run {
             problem,

@@ -33,6 +33,7 @@ struct Near {
     /// Odds of being an inlier at zero residual and unit variance.
     odds: f64,
     sigma: f64,
+    sigma_px: f64,
 }
 
 /// Buffers of the refinement.
@@ -172,7 +173,7 @@ impl Refiner {
     ) -> Refined {
         let mut model = *start;
         let mut noise = Noise {
-            sigma_px,
+            px_factor: 1.0,
             world_sigma: 0.0,
             point_offset: 0.0,
             line_offset: 0.0,
@@ -181,7 +182,7 @@ impl Refiner {
         };
         match scale {
             Scale::Estimated => {
-                noise.world_sigma = self.initial_world_sigma(problem, &model, &noise);
+                noise.world_sigma = self.initial_world_sigma(problem, &model, &noise, sigma_px);
             }
             Scale::Pixels => {
                 // The start is as good as the ranking score made it.
@@ -189,7 +190,8 @@ impl Refiner {
                 noise.inflation *= (ranking / sigma_px).max(1.0);
             }
             Scale::Thresholds => {
-                noise.sigma_px = self.quick_variance.0.min(self.quick_variance.1).sqrt();
+                noise.px_factor =
+                    self.quick_variance.0.min(self.quick_variance.1).sqrt() / sigma_px;
                 noise.gate_sq = 12.0;
             }
         }
@@ -205,7 +207,7 @@ impl Refiner {
                     _ => 1.0,
                 };
                 if scale == Scale::Estimated {
-                    self.update_noise(problem, &model, &mut noise);
+                    self.update_noise(problem, &model, &mut noise, sigma_px);
                 }
             }
             self.freeze(problem, &model, &noise);
@@ -247,8 +249,13 @@ impl Refiner {
     }
 
     /// Median over the correspondences within the ranking threshold of what their residual says about the world noise.
-    fn initial_world_sigma(&mut self, problem: &Problem, model: &Model, noise: &Noise) -> f64 {
-        let sigma_px = noise.sigma_px;
+    fn initial_world_sigma(
+        &mut self,
+        problem: &Problem,
+        model: &Model,
+        noise: &Noise,
+        sigma_px: f64,
+    ) -> f64 {
         // Median of a chi-square with two degrees of freedom, over two.
         const MEDIAN: f64 = 1.386;
         self.collect_near(problem, model, 17.0, noise);
@@ -256,7 +263,7 @@ impl Refiner {
         self.values.extend(
             self.near
                 .iter()
-                .map(|n| ((n.r_sq / MEDIAN - sigma_px * sigma_px).max(0.0) / n.gain_sq).sqrt()),
+                .map(|n| ((n.r_sq / MEDIAN - n.sigma_px * n.sigma_px).max(0.0) / n.gain_sq).sqrt()),
         );
         let sigma = crate::math::stats::median_in_place(&mut self.values).unwrap_or(0.0);
         sigma.max(self.smallest_world_sigma(problem, sigma_px))
@@ -285,6 +292,7 @@ impl Refiner {
                         gain_sq: f_sq * res.inverse_depth_sq(),
                         odds: item.belief.odds_beside_others() * point_factor,
                         sigma: item.sigma,
+                        sigma_px: item.sigma_px,
                     });
                 }
             }
@@ -300,6 +308,7 @@ impl Refiner {
                         gain_sq: f_sq * res.inverse_depth_sq(),
                         odds: item.belief.odds_beside_others() * line_factor,
                         sigma: item.sigma,
+                        sigma_px: item.sigma_px,
                     });
                 }
             }
@@ -307,7 +316,7 @@ impl Refiner {
     }
 
     /// One step of profile likelihood in ln world_sigma and one of expectation maximisation in the inlier shares.
-    fn update_noise(&mut self, problem: &Problem, model: &Model, noise: &mut Noise) {
+    fn update_noise(&mut self, problem: &Problem, model: &Model, noise: &mut Noise, sigma_px: f64) {
         // The shares first: posteriors at the current frozen noise against the priors.
         let (fx, fy) = (problem.fx, problem.fy);
         self.freeze(problem, model, noise);
@@ -335,18 +344,17 @@ impl Refiner {
         }
         noise.line_offset += share_step(found, expected, problem.lines.len());
         self.collect_near(problem, model, 400.0, noise);
-        let px = noise.sigma_px * noise.sigma_px;
         let value = |near: &[Near], world: f64| -> f64 {
             let mut gain = LnProduct::new();
             for n in near {
                 let s = if n.sigma > 0.0 { n.sigma } else { world };
-                let variance = px + n.gain_sq * s * s;
+                let variance = n.sigma_px * n.sigma_px + n.gain_sq * s * s;
                 let t = 1.0 + n.r_sq / (TAIL * variance);
                 gain.multiply(1.0 + n.odds / (variance * t * t * t));
             }
             gain.ln()
         };
-        let smallest = self.smallest_world_sigma(problem, noise.sigma_px);
+        let smallest = self.smallest_world_sigma(problem, sigma_px);
         let mut best = noise.world_sigma;
         let mut best_value = value(&self.near, best);
         let mut factor = 1.5;
@@ -368,13 +376,14 @@ impl Refiner {
         let (fx, fy) = (problem.fx, problem.fy);
         let f_sq = fx * fy * model.focal * model.focal;
         let inflation = noise.inflation * noise.inflation;
-        let variance = |sigma: f64, inverse_depth_sq: f64| {
+        let px_factor = noise.px_factor * noise.px_factor;
+        let variance = |sigma: f64, sigma_px: f64, inverse_depth_sq: f64| {
             let s = if sigma > 0.0 {
                 sigma
             } else {
                 noise.world_sigma
             };
-            inflation * (noise.sigma_px * noise.sigma_px + f_sq * s * s * inverse_depth_sq)
+            inflation * (px_factor * sigma_px * sigma_px + f_sq * s * s * inverse_depth_sq)
         };
         let none = Frozen {
             variance: 0.0,
@@ -384,7 +393,7 @@ impl Refiner {
         self.points.clear();
         self.points.extend(problem.points.iter().map(|item| {
             residuals::point(fx, fy, model, item).map_or(none, |(res, ..)| {
-                let v = variance(item.sigma, res.inverse_depth_sq());
+                let v = variance(item.sigma, item.sigma_px, res.inverse_depth_sq());
                 if res.squared() > noise.gate_sq * v {
                     return none;
                 }
@@ -397,7 +406,7 @@ impl Refiner {
         self.lines.clear();
         self.lines.extend(problem.lines.iter().map(|item| {
             residuals::line(fx, fy, model, item).map_or(none, |(res, state)| {
-                let v = variance(item.sigma, res.inverse_depth_sq());
+                let v = variance(item.sigma, item.sigma_px, res.inverse_depth_sq());
                 if res.squared() > noise.gate_sq * v
                     || !residuals::overlaps(fx, fy, item, &state, model.focal)
                 {

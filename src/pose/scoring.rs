@@ -214,6 +214,7 @@ mod tests {
                     point_in_world,
                     confidence,
                     sigma_m: 0.0,
+                    sigma_px: 0.0,
                 }
             })
             .collect();
@@ -228,6 +229,7 @@ mod tests {
                     end_in_world,
                     confidence,
                     sigma_m: 0.0,
+                    sigma_px: 0.0,
                 }
             })
             .collect();

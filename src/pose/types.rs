@@ -14,8 +14,11 @@ pub struct PointCorrespondence {
     pub point_in_world: Vector3<f64>,
     /// 0..1, what the network believes; it guides sampling and weighs the score.
     pub confidence: f32,
-    /// Standard deviation of the world point per axis; 0 when unknown (a common value is then estimated).
+    /// Standard deviation of the world point per axis across the viewing ray; 0 when unknown (a common value is then
+    /// estimated).
     pub sigma_m: f32,
+    /// Standard deviation of the pixel per axis; 0 for [`super::PoseOptions::sigma_px`].
+    pub sigma_px: f32,
 }
 
 /// A segment of the sensor image paired with a world segment. Only the infinite lines are compared, so the ends may
@@ -32,8 +35,10 @@ pub struct LineCorrespondence {
     pub end_in_world: Vector3<f64>,
     /// 0..1, what the network believes.
     pub confidence: f32,
-    /// Standard deviation of the world ends per axis; 0 when unknown.
+    /// Standard deviation of the world ends per axis across the line; 0 when unknown.
     pub sigma_m: f32,
+    /// Standard deviation of the ends across the segment in pixels; 0 for [`super::PoseOptions::sigma_px`].
+    pub sigma_px: f32,
 }
 
 /// Whether there is a pose, and if not, why.

@@ -2,7 +2,7 @@
 
 use super::covariance::{self, Uncertainty};
 use super::mirror::Mirror;
-use super::options::{Focal, PoseOptions, WorldNoise};
+use super::options::{Focal, PoseOptions, WorldNoise, rigid};
 use super::problem::{Model, Problem};
 use super::ransac::{NUM_KEPT, Search};
 use super::refine::{Kind, Refined, Scale};
@@ -13,7 +13,7 @@ use super::types::{
     PoseStats, PoseStatus, RunnerUp, StopReason,
 };
 use super::watch::Watch;
-use crate::geometry::Camera;
+use crate::geometry::{CamFromWorld, Camera};
 use crate::math::elementary::ln;
 
 /// Kept models whose ranking falls below this share of the best are not worth a final refinement.
@@ -133,44 +133,22 @@ pub fn estimate(
     scratch: &mut PoseScratch,
     clock: &mut dyn FnMut() -> f64,
 ) -> Result<PoseOutcome, PoseError> {
-    camera.validate()?;
-    options.validate()?;
-    let limit = u32::MAX as usize;
-    let count = points.len().max(lines.len());
-    if count > limit {
-        return Err(PoseError::TooMany { count, limit });
-    }
-    let mut watch = Watch::start(clock, options.time_budget_ms);
-    scratch.clear_reports(points.len(), lines.len());
-
-    let (width, height) = (f64::from(camera.width), f64::from(camera.height));
-    let max_side = width.max(height);
-    let has_focal = options.focal != Focal::Known;
     let camera = match options.focal {
         // The search counts focal lengths in units of the larger side; the ratio of fx to fy stays the given one.
         Focal::Unknown => {
+            camera.validate()?;
             let (fx, fy) = camera.focal_px();
+            let max_side = f64::from(camera.width.max(camera.height));
             camera.with_focal_scaled(max_side / (fx * fy).sqrt())
         }
         _ => *camera,
     };
-    scratch.problem.load(points, lines, &camera, options);
-    let num_invalid = scratch.problem.num_invalid;
-    let num_outside_view = scratch.problem.num_outside_view;
+    let mut watch = Watch::start(clock, options.time_budget_ms);
+    let mut outcome = begin(points, lines, &camera, options, scratch)?;
     let sample_size = match (options.focal, options.gravity.is_some()) {
         (Focal::Unknown, _) => 4,
         (_, false) => 3,
         (_, true) => 2,
-    };
-    let mut outcome = PoseOutcome {
-        status: PoseStatus::TooFew,
-        degeneracy: None,
-        estimate: None,
-        stats: PoseStats {
-            num_invalid,
-            num_outside_view,
-            ..PoseStats::default()
-        },
     };
     if scratch.problem.len() < sample_size {
         return Ok(outcome);
@@ -185,8 +163,8 @@ pub fn estimate(
         .search
         .run(&scratch.problem, options, &soft, &mut watch);
     outcome.stats = PoseStats {
-        num_invalid,
-        num_outside_view,
+        num_invalid: outcome.stats.num_invalid,
+        num_outside_view: outcome.stats.num_outside_view,
         ..stats
     };
     refine_finalists(scratch, options, &soft, &mut watch);
@@ -194,7 +172,7 @@ pub fn estimate(
         refuse(&scratch.problem, &mut outcome);
         return Ok(outcome);
     };
-    judge(scratch, options, &camera, has_focal, &best, &mut outcome);
+    judge(scratch, options, &camera, &best, &mut outcome);
     let num_inliers = scratch.inliers.points.len() + scratch.inliers.lines.len();
     let so_far = (num_inliers, best.ranking);
     if matches!(outcome.status, PoseStatus::Ok | PoseStatus::Ambiguous)
@@ -206,6 +184,89 @@ pub fn estimate(
         outcome.degeneracy = Some(Degeneracy::Mirrored);
     }
     Ok(outcome)
+}
+
+/// Refines a pose that is nearly right, without a search: for correspondences that were found with the help of that pose.
+///
+/// `start` must be so near that most right correspondences lie within the thresholds of the options, which are what the
+/// refinement begins with; it ends with the noise that the correspondences give and the residuals confirm. Gravity and the
+/// covariance of a prior pose draw the result as in [`estimate`]; [`Focal::Refine`] and [`Focal::Unknown`] refine the focal
+/// length from the camera's. Inliers, posteriors and errors are left in the scratch as after [`estimate`]; there is neither a
+/// runner-up nor a test for a mirrored world. No allocation once the scratch has seen a problem of the size.
+///
+/// # Errors
+/// When the camera cannot project, the start is no rigid transform, or an option has no meaning.
+pub fn refine(
+    points: &[PointCorrespondence],
+    lines: &[LineCorrespondence],
+    camera: &Camera,
+    start: &CamFromWorld,
+    options: &PoseOptions,
+    scratch: &mut PoseScratch,
+    clock: &mut dyn FnMut() -> f64,
+) -> Result<PoseOutcome, PoseError> {
+    rigid("start", start)?;
+    let mut watch = Watch::start(clock, options.time_budget_ms);
+    let mut outcome = begin(points, lines, camera, options, scratch)?;
+    let problem = &scratch.problem;
+    let num_unknown = if options.focal == Focal::Known { 3 } else { 4 };
+    if problem.len() < num_unknown {
+        return Ok(outcome);
+    }
+    let soft = soft_terms(problem, options);
+    scratch.search.load(problem, options);
+    let start = problem.model_from_pose(start, 1.0);
+    let model = scratch
+        .search
+        .refiner
+        .quick(problem, &start, &soft)
+        .unwrap_or(start);
+    let refined = scratch.search.refiner.full(
+        problem,
+        &model,
+        options.sigma_px,
+        &soft,
+        Scale::Pixels,
+        &mut watch,
+    );
+    if !refined.model.is_finite() || !refined.log_ratio.is_finite() {
+        refuse(problem, &mut outcome);
+        return Ok(outcome);
+    }
+    let ranking = scratch.search.ranker.score(problem, &refined.model).total;
+    scratch.finalists.clear();
+    let finalist = Finalist { refined, ranking };
+    judge(scratch, options, camera, &finalist, &mut outcome);
+    Ok(outcome)
+}
+
+/// Checks the input and loads it.
+fn begin(
+    points: &[PointCorrespondence],
+    lines: &[LineCorrespondence],
+    camera: &Camera,
+    options: &PoseOptions,
+    scratch: &mut PoseScratch,
+) -> Result<PoseOutcome, PoseError> {
+    camera.validate()?;
+    options.validate()?;
+    let limit = u32::MAX as usize;
+    let count = points.len().max(lines.len());
+    if count > limit {
+        return Err(PoseError::TooMany { count, limit });
+    }
+    scratch.clear_reports(points.len(), lines.len());
+    scratch.problem.load(points, lines, camera, options);
+    Ok(PoseOutcome {
+        status: PoseStatus::TooFew,
+        degeneracy: None,
+        estimate: None,
+        stats: PoseStats {
+            num_invalid: scratch.problem.num_invalid,
+            num_outside_view: scratch.problem.num_outside_view,
+            ..PoseStats::default()
+        },
+    })
 }
 
 fn soft_terms(problem: &Problem, options: &PoseOptions) -> Soft {
@@ -318,10 +379,10 @@ fn judge(
     scratch: &mut PoseScratch,
     options: &PoseOptions,
     camera: &Camera,
-    has_focal: bool,
     finalist: &Finalist,
     outcome: &mut PoseOutcome,
 ) {
+    let has_focal = options.focal != Focal::Known;
     let problem = &scratch.problem;
     let best = &finalist.refined;
     let limits = (options.max_point_error_px, options.max_line_error_px);

@@ -28,6 +28,7 @@ pub(super) fn from_predictions(
             point_in_world: p.point_in_world,
             confidence: p.confidence,
             sigma_m: 0.0,
+            sigma_px: 0.0,
         })
     }));
     let confidences = predictions.segments.iter().map(|s| s.confidence);
@@ -43,6 +44,7 @@ pub(super) fn from_predictions(
             end_in_world: s.end_in_world,
             confidence: s.confidence,
             sigma_m: 0.0,
+            sigma_px: 0.0,
         })
     }));
 }

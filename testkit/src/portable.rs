@@ -300,6 +300,7 @@ fn pose() -> Vec<f64> {
                 point_in_world,
                 confidence: 0.7,
                 sigma_m: 0.0,
+                sigma_px: 0.0,
             }
         })
         .collect();
@@ -314,6 +315,7 @@ fn pose() -> Vec<f64> {
                 end_in_world,
                 confidence: 0.6,
                 sigma_m: 0.0,
+                sigma_px: 0.0,
             }
         })
         .collect();

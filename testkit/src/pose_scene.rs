@@ -105,6 +105,7 @@ pub fn pose_scene(params: &PoseSceneParams, seed: u64) -> PoseScene {
             point_in_world: if is_inlier { truth } else { outlier },
             confidence: confidence(&mut rng, is_inlier),
             sigma_m: 0.0,
+            sigma_px: 0.0,
         });
     }
     let mut lines = Vec::new();
@@ -124,6 +125,7 @@ pub fn pose_scene(params: &PoseSceneParams, seed: u64) -> PoseScene {
             end_in_world: if is_inlier { end } else { v },
             confidence: confidence(&mut rng, is_inlier),
             sigma_m: 0.0,
+            sigma_px: 0.0,
         });
     }
     PoseScene {

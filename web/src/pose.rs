@@ -85,6 +85,7 @@ impl PoseSolver {
                     point_in_world: Vector3::new(x, y, z),
                     confidence: confidence as f32,
                     sigma_m: sigma as f32,
+                    sigma_px: 0.0,
                 },
             ));
         self.lines.clear();
@@ -97,6 +98,7 @@ impl PoseSolver {
                     end_in_world: Vector3::new(x2, y2, z2),
                     confidence: confidence as f32,
                     sigma_m: sigma as f32,
+                    sigma_px: 0.0,
                 },
             ));
         let begin = crate::performance_now();

@@ -99,6 +99,7 @@ impl Landmarks {
                     // All alike, as in plain matching.
                     confidence: 0.5,
                     sigma_m: 0.0,
+                    sigma_px: 0.0,
                 })
             })
             .collect()

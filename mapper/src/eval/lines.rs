@@ -222,6 +222,7 @@ mod tests {
             end_in_world: at(0.1 * depth, 0.01, depth),
             confidence: 0.5,
             sigma_m: 0.0,
+            sigma_px: 0.0,
         };
         let truth = LineTruth::from_labels(&labels);
         let counts = |depth: f64| {

@@ -130,6 +130,7 @@ fn solve(
         point_in_world: world(3 * k),
         confidence: p.confidence[*k],
         sigma_m: 0.0,
+        sigma_px: 0.0,
     };
     let lines = |k: &usize| LineCorrespondence {
         start: image.segments[*k].start,
@@ -138,6 +139,7 @@ fn solve(
         end_in_world: world(6 * k + 3),
         confidence: p.confidence[*k],
         sigma_m: 0.0,
+        sigma_px: 0.0,
     };
     let (points, lines): (Vec<_>, Vec<_>) = match kind {
         Kind::Points => (chosen.iter().map(points).collect(), Vec::new()),

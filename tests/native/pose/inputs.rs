@@ -1,6 +1,6 @@
 //! Bad input, hopeless input, budgets: a reason, never a NaN.
 
-use super::{error, solve, solve_with};
+use super::{error, refine_with, solve, solve_with};
 use landline::geometry::{CamFromWorld, Camera, Pixel};
 use landline::pose::{
     Degeneracy, Focal, Gravity, LineCorrespondence, PointCorrespondence, PoseError, PoseOptions,
@@ -320,6 +320,7 @@ fn every_reason_is_given() {
         point_in_world: in_world(&x),
         confidence: 0.9,
         sigma_m: 0.0,
+        sigma_px: 0.0,
     };
     let line = |a: Vector3<f64>, b: Vector3<f64>| LineCorrespondence {
         start: pixel(&a),
@@ -328,6 +329,7 @@ fn every_reason_is_given() {
         end_in_world: in_world(&b),
         confidence: 0.9,
         sigma_m: 0.0,
+        sigma_px: 0.0,
     };
     let ladder = |f: &dyn Fn(f64) -> LineCorrespondence| {
         nowhere(
@@ -398,5 +400,10 @@ fn nothing_is_allocated_once_the_scratch_has_seen_the_problem() {
         let options = PoseOptions { seed: 7, ..options };
         let (_, count) = allocations(|| solve_with(&fewer, &options, &mut scratch));
         assert_eq!(count, 0, "{options:?}");
+        let start = scene.cam_from_world;
+        let mut refined = || refine_with(&fewer, &start, &options, &mut scratch);
+        let first = refined();
+        let (again, count) = allocations(refined);
+        assert_eq!((again, count), (first, 0), "{options:?}");
     }
 }

@@ -4,10 +4,11 @@ mod inputs;
 mod knowledge;
 mod oracle;
 mod recorded;
+mod refined;
 mod symmetries;
 
 use landline::geometry::CamFromWorld;
-use landline::pose::{PoseOptions, PoseOutcome, PoseScratch, estimate};
+use landline::pose::{PoseOptions, PoseOutcome, PoseScratch, estimate, refine};
 use landline_testkit::PoseScene;
 
 fn solve(scene: &PoseScene, options: &PoseOptions) -> PoseOutcome {
@@ -25,6 +26,24 @@ fn solve_with(scene: &PoseScene, options: &PoseOptions, scratch: &mut PoseScratc
         &mut || 0.0,
     )
     .expect("valid camera and options")
+}
+
+fn refine_with(
+    scene: &PoseScene,
+    start: &CamFromWorld,
+    options: &PoseOptions,
+    scratch: &mut PoseScratch,
+) -> PoseOutcome {
+    refine(
+        &scene.points,
+        &scene.lines,
+        &scene.camera,
+        start,
+        options,
+        scratch,
+        &mut || 0.0,
+    )
+    .expect("valid camera, start and options")
 }
 
 fn error(outcome: &PoseOutcome, truth: &CamFromWorld) -> (f64, f64) {

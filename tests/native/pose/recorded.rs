@@ -90,6 +90,7 @@ fn stairs_are_located_within_limaps_bar() {
                 point_in_world: Vector3::from_column_slice(x),
                 confidence: 0.5,
                 sigma_m: 0.0,
+                sigma_px: 0.0,
             })
             .collect();
         // The segments count pixel centres as integers, the points do not.
@@ -103,6 +104,7 @@ fn stairs_are_located_within_limaps_bar() {
                 end_in_world: Vector3::from_column_slice(&x[3..]),
                 confidence: 0.5,
                 sigma_m: 0.0,
+                sigma_px: 0.0,
             })
             .collect();
         let scene = PoseScene {

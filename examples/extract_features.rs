@@ -6,8 +6,8 @@
 //! ```
 
 use landline::features::FeatureSet;
+use landline::front_end::{FrontEnd, FrontEndOptions};
 use landline::image::{FrameView, PixelFormat};
-use landline::relocalizer::{FrontEnd, FrontEndOptions};
 use landline::scene_file::ExtractorFile;
 use std::error::Error;
 
@@ -37,13 +37,12 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 fn features(front_end: &mut FrontEnd, path: &str) -> Result<FeatureSet, Box<dyn Error>> {
     let picture = image::open(path)?.into_luma8();
-    let frame = FrameView {
-        bytes: picture.as_raw(),
-        width: picture.width(),
-        height: picture.height(),
-        stride: picture.width() as usize,
-        format: PixelFormat::Luma8,
-    };
+    let frame = FrameView::tight(
+        picture.as_raw(),
+        picture.width(),
+        picture.height(),
+        PixelFormat::Luma8,
+    );
     let set = front_end.run(&frame)?.clone();
     println!(
         "{path}: {} keypoints, {} segments, descriptors of {} numbers",

@@ -25,13 +25,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     )?;
 
     let picture = image::open(&picture)?.into_rgb8();
-    let frame = FrameView {
-        bytes: picture.as_raw(),
-        width: picture.width(),
-        height: picture.height(),
-        stride: 3 * picture.width() as usize,
-        format: PixelFormat::Rgb8,
-    };
+    let frame = FrameView::tight(
+        picture.as_raw(),
+        picture.width(),
+        picture.height(),
+        PixelFormat::Rgb8,
+    );
     // Without a camera the focal length is solved with the pose; the scene's own camera serves pictures of its size.
     let camera = relocalizer
         .scene_info()

@@ -6,10 +6,9 @@ use crate::feature_cache::{FeatureCache, FeatureCacheError, ImageFeatures};
 use crate::picture::{self, PictureError};
 use crate::progress::Progress;
 use landline::features::FeatureSet;
+use landline::front_end::{FrontEnd, FrontEndError, FrontEndOptions};
 use landline::geometry::{Pixel, Segment2};
 use landline::image::GrayImage;
-use landline::image::{FrameView, PixelFormat};
-use landline::relocalizer::{CreateError, FrontEnd, FrontEndOptions, LocateError};
 use landline::scene_file::ExtractorFile;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
@@ -27,14 +26,14 @@ pub enum ExtractError {
     Cache(#[from] FeatureCacheError),
     /// The extractor and its options do not fit.
     #[error(transparent)]
-    Create(#[from] CreateError),
+    Create(#[from] FrontEndError),
     /// A picture that the front end refuses.
     #[error("features of {path}: {source}")]
     Run {
         /// The picture.
         path: PathBuf,
         /// Why.
-        source: LocateError,
+        source: FrontEndError,
     },
 }
 
@@ -271,14 +270,8 @@ fn run(
     front_end: &mut FrontEnd,
     gray: &GrayImage,
     segments: Option<&[[f64; 4]]>,
-) -> Result<ImageFeatures, LocateError> {
-    let frame = FrameView {
-        bytes: &gray.data,
-        width: gray.width as u32,
-        height: gray.height as u32,
-        stride: gray.width,
-        format: PixelFormat::Luma8,
-    };
+) -> Result<ImageFeatures, FrontEndError> {
+    let frame = gray.frame();
     match segments {
         None => front_end.run(&frame)?,
         Some(segments) => {

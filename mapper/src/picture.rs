@@ -135,13 +135,7 @@ pub fn read_gray(path: &Path) -> Result<GrayImage, PictureError> {
         DynamicImage::ImageLuma8(luma) => (luma.into_raw(), PixelFormat::Luma8),
         other => (other.into_rgb8().into_raw(), PixelFormat::Rgb8),
     };
-    let frame = FrameView {
-        bytes: &bytes,
-        width,
-        height,
-        stride: width as usize * format.bytes_per_pixel(),
-        format,
-    };
+    let frame = FrameView::tight(&bytes, width, height, format);
     gray_from_frame(&frame, &mut gray).map_err(|source| PictureError::Refused {
         path: path.to_owned(),
         source,

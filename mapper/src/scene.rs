@@ -3,8 +3,9 @@
 use crate::weights::load_extractor;
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
+use landline::front_end::FrontEndOptions;
 use landline::nn::cpu::Level;
-use landline::relocalizer::{FrontEndOptions, Relocalizer, RelocalizerOptions};
+use landline::relocalizer::{Relocalizer, RelocalizerOptions};
 use landline::scene_file::{ExtractorFile, SceneFile};
 use std::path::{Path, PathBuf};
 

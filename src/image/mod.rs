@@ -127,7 +127,18 @@ pub struct FrameView<'a> {
     pub format: PixelFormat,
 }
 
-impl FrameView<'_> {
+impl<'a> FrameView<'a> {
+    /// A frame whose rows follow each other without padding.
+    pub const fn tight(bytes: &'a [u8], width: u32, height: u32, format: PixelFormat) -> Self {
+        Self {
+            bytes,
+            width,
+            height,
+            stride: (width as usize).saturating_mul(format.bytes_per_pixel()),
+            format,
+        }
+    }
+
     /// Checks size, stride and buffer length against each other.
     ///
     /// # Errors
@@ -237,6 +248,14 @@ pub struct GrayImage {
 }
 
 impl GrayImage {
+    /// As the frame of a camera that delivers grey.
+    pub fn frame(&self) -> FrameView<'_> {
+        // A side that does not fit is far beyond what `FrameView::check` accepts.
+        let side = |side: usize| u32::try_from(side).unwrap_or(u32::MAX);
+        let (width, height) = (side(self.width), side(self.height));
+        FrameView::tight(&self.data, width, height, PixelFormat::Luma8)
+    }
+
     /// Borrow as a view.
     pub fn view(&self) -> GrayView<'_> {
         GrayView::tight(&self.data, self.width, self.height)

@@ -1,9 +1,7 @@
 //! What can go wrong. That a frame is not located is a result, not an error.
 
-use crate::features::FeatureError;
+use crate::front_end::FrontEndError;
 use crate::geometry::CameraError;
-use crate::image::ImageError;
-use crate::lsd::LsdError;
 use crate::pose::PoseError;
 use crate::regress::RegressError;
 use crate::scene_file::SceneFileError;
@@ -18,9 +16,9 @@ pub enum CreateError {
     /// The extractor's file is refused.
     #[error("extractor file: {0}")]
     Extractor(#[source] SceneFileError),
-    /// The extractor's network cannot be built.
-    #[error("extractor: {0}")]
-    Features(#[source] FeatureError),
+    /// The extractor's network cannot be built, or an option of the front end has no meaning.
+    #[error(transparent)]
+    FrontEnd(#[from] FrontEndError),
     /// The scene's networks cannot be built.
     #[error("scene networks: {0}")]
     Networks(#[source] RegressError),
@@ -43,25 +41,9 @@ pub enum CreateError {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LocateError {
-    /// Size and bytes of the frame do not agree.
-    #[error("frame: {0}")]
-    Frame(#[from] ImageError),
-    /// The frame is too small or too long and thin for the extractor.
-    #[error(
-        "a frame of {width}x{height} pixels becomes {working_width}x{working_height} in processing; {min_side} on each side are needed"
-    )]
-    FrameTooSmall {
-        /// Width of the frame.
-        width: u32,
-        /// Height of the frame.
-        height: u32,
-        /// Width after resizing.
-        working_width: usize,
-        /// Height after resizing.
-        working_height: usize,
-        /// Smallest side.
-        min_side: usize,
-    },
+    /// The frame has no features.
+    #[error(transparent)]
+    FrontEnd(#[from] FrontEndError),
     /// The intrinsics make no sense.
     #[error("camera: {0}")]
     Camera(#[from] CameraError),
@@ -91,12 +73,6 @@ pub enum LocateError {
     /// An option of the solver has no meaning.
     #[error("solver: {0}")]
     Pose(#[from] PoseError),
-    /// The segment detector refused.
-    #[error("segments: {0}")]
-    Segments(#[from] LsdError),
-    /// The extractor refused.
-    #[error("features: {0}")]
-    Features(#[from] FeatureError),
     /// The scene's networks refused.
     #[error("scene networks: {0}")]
     Regress(#[from] RegressError),

@@ -19,7 +19,6 @@ mod calibration;
 mod correspond;
 mod error;
 mod focal;
-mod front_end;
 #[cfg(feature = "webgpu")]
 mod gpu;
 mod last_frame;
@@ -32,7 +31,6 @@ mod tracking;
 
 pub use error::{CreateError, LocateError};
 pub use focal::{FocalBelief, FocalMemory};
-pub use front_end::{FrontEnd, FrontEndOptions};
 #[cfg(feature = "webgpu")]
 pub use gpu::GpuNetworks;
 pub use options::{CameraSource, Query, RelocalizerOptions};
@@ -42,6 +40,7 @@ pub use steps::{Begun, Observed};
 pub use timings::StageTimings;
 pub use tracking::{LimitedReason, Track, TrackState};
 
+use crate::front_end::{FrontEnd, FrontEndOptions};
 use crate::geometry::{Camera, WorkingFromSensor};
 use crate::pose::{Focal, LineCorrespondence, PointCorrespondence, PoseScratch};
 use crate::regress::{Predictions, Regressor};

@@ -6,8 +6,9 @@ use super::error::LocateError;
 use super::last_frame::{count, mark};
 use super::options::{CameraSource, Query};
 use super::result::{Counts, Localization, NotLocated, Outcome, Report};
-use super::timings::{StageTimings, Stopwatch};
+use super::timings::StageTimings;
 use super::tracking::{LimitedReason, TrackState};
+use crate::front_end::{FrontEndError, Stopwatch};
 use crate::geometry::{CamFromWorld, WorkingFromSensor};
 use crate::image::FrameView;
 use crate::pose::{self, Focal, PoseOptions, PriorPose};
@@ -149,7 +150,7 @@ impl Relocalizer {
         query: &Query<'_>,
         stopwatch: &mut Stopwatch<'_>,
     ) -> Result<Begun, LocateError> {
-        frame.check()?;
+        frame.check().map_err(FrontEndError::Frame)?;
         let size = (frame.width, frame.height);
         // For its errors: the intrinsics themselves may change until this frame is solved.
         self.camera_for(size, query)?;

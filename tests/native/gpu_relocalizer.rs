@@ -2,7 +2,7 @@
 
 use landline::{
     geometry::Camera,
-    image::{FrameView, GrayImage, PixelFormat},
+    image::GrayImage,
     math::Rng,
     models::{
         ExtractorKind, LineBranchConfig, PointBranchConfig, Preset, RegressorConfig, V1Config,
@@ -35,23 +35,13 @@ fn any_device() -> Option<Arc<GpuDevice>> {
     gpu_or_skip(GpuDevice::request(AdapterChoice::Any))
 }
 
-fn frame(gray: &GrayImage) -> FrameView<'_> {
-    FrameView {
-        bytes: &gray.data,
-        width: gray.width as u32,
-        height: gray.height as u32,
-        stride: gray.width,
-        format: PixelFormat::Luma8,
-    }
-}
-
 fn query(gray: &GrayImage) -> Query<'static> {
     let (width, height) = (gray.width as u32, gray.height as u32);
     Query::with_camera(Camera::centered(width, height, 150.0))
 }
 
 fn locate(relocalizer: &mut Relocalizer, gray: &GrayImage) -> Report {
-    pollster::block_on(relocalizer.locate_with_gpu(&frame(gray), &query(gray), &mut || 0.0))
+    pollster::block_on(relocalizer.locate_with_gpu(&gray.frame(), &query(gray), &mut || 0.0))
         .expect("a valid frame")
 }
 
@@ -188,7 +178,7 @@ fn the_next_frame_may_begin_before_the_last_one_is_solved() {
     let found: Vec<Report> = pollster::block_on(async {
         let mut reports = Vec::new();
         let mut begun = overlapping
-            .begin(&frame(&frames[0]), &query(&frames[0]), &mut clock)
+            .begin(&frames[0].frame(), &query(&frames[0]), &mut clock)
             .await
             .expect("a valid frame");
         for (i, gray) in frames.iter().enumerate() {
@@ -198,7 +188,7 @@ fn the_next_frame_may_begin_before_the_last_one_is_solved() {
                 .expect("in order");
             let next = &frames[(i + 1) % frames.len()];
             begun = overlapping
-                .begin(&frame(next), &query(next), &mut clock)
+                .begin(&next.frame(), &query(next), &mut clock)
                 .await
                 .expect("a valid frame");
             reports.push(
@@ -209,7 +199,7 @@ fn the_next_frame_may_begin_before_the_last_one_is_solved() {
         }
         // The last one that was begun is replaced, and says so.
         let again = overlapping
-            .begin(&frame(&frames[0]), &query(&frames[0]), &mut clock)
+            .begin(&frames[0].frame(), &query(&frames[0]), &mut clock)
             .await;
         let late = overlapping
             .observe(begun, &mut clock)
@@ -270,7 +260,7 @@ fn a_device_lost_between_the_steps_of_a_frame_does_not_lose_the_frame() {
     let (mut on_cpu, mut on_gpu) = pair(&gpu, preset(Preset::Compact), change);
     let (gray, mut clock) = (a_picture(4), || 0.0);
     let report = pollster::block_on(async {
-        let begun = on_gpu.begin(&frame(&gray), &query(&gray), &mut clock).await;
+        let begun = on_gpu.begin(&gray.frame(), &query(&gray), &mut clock).await;
         gpu.simulate(Fault::Lost);
         let observed = on_gpu
             .observe(begun.expect("a valid frame"), &mut clock)

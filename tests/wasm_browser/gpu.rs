@@ -114,13 +114,7 @@ async fn a_lost_device_is_reported() {
 const SIDE: usize = 64;
 
 async fn locate(relocalizer: &mut Relocalizer, gray: &[u8]) -> Report {
-    let frame = FrameView {
-        bytes: gray,
-        width: SIDE as u32,
-        height: SIDE as u32,
-        stride: SIDE,
-        format: PixelFormat::Luma8,
-    };
+    let frame = FrameView::tight(gray, SIDE as u32, SIDE as u32, PixelFormat::Luma8);
     let query = Query::with_camera(Camera::centered(SIDE as u32, SIDE as u32, 60.0));
     relocalizer
         .locate_with_gpu(&frame, &query, &mut || 0.0)

@@ -1,6 +1,7 @@
 //! Core errors as JavaScript `Error`s with a stable `code`.
 
 use js_sys::{Error, Reflect};
+use landline::front_end::FrontEndError;
 use landline::relocalizer::{CreateError, LocateError};
 use landline::scene_file::SceneFileError;
 use wasm_bindgen::JsValue;
@@ -41,7 +42,9 @@ pub(crate) fn from_create(error: &CreateError) -> JsValue {
         CreateError::Scene(SceneFileError::Version { .. }) => Code::SceneVersion,
         CreateError::Scene(SceneFileError::WrongExtractor { .. }) => Code::SceneExtractor,
         CreateError::Scene(_) | CreateError::Networks(_) => Code::SceneCorrupt,
-        CreateError::Extractor(_) | CreateError::Features(_) => Code::ExtractorCorrupt,
+        CreateError::Extractor(_) | CreateError::FrontEnd(FrontEndError::Extractor(_)) => {
+            Code::ExtractorCorrupt
+        }
         _ => Code::BadInput,
     };
     js_error(code, &error.to_string())
@@ -50,9 +53,8 @@ pub(crate) fn from_create(error: &CreateError) -> JsValue {
 pub(crate) fn from_locate(error: &LocateError) -> JsValue {
     let code = match error {
         // What the caller's frame and options cannot cause is a defect.
-        LocateError::Features(_) | LocateError::Regress(_) | LocateError::Segments(_) => {
-            Code::Panicked
-        }
+        LocateError::FrontEnd(FrontEndError::Extractor(_) | FrontEndError::Segments(_))
+        | LocateError::Regress(_) => Code::Panicked,
         _ => Code::BadInput,
     };
     js_error(code, &error.to_string())

@@ -127,13 +127,7 @@ pub unsafe extern "C" fn pipeline_new(
 pub unsafe extern "C" fn pipeline_locate(gray: *const u8, width: usize, height: usize) -> usize {
     // SAFETY: the caller's promise.
     let bytes = unsafe { std::slice::from_raw_parts(gray, width * height) };
-    let frame = FrameView {
-        bytes,
-        width: width as u32,
-        height: height as u32,
-        stride: width,
-        format: PixelFormat::Luma8,
-    };
+    let frame = FrameView::tight(bytes, width as u32, height as u32, PixelFormat::Luma8);
     let query = Query::with_camera(Camera::centered(width as u32, height as u32, width as f64));
     PIPELINE.with_borrow_mut(|pipeline| {
         let pipeline = pipeline.as_mut().expect("pipeline_new comes first");

@@ -154,13 +154,7 @@ fn locate(
             cy: intrinsics.cy,
         },
     };
-    let frame = FrameView {
-        bytes: image.as_raw(),
-        width,
-        height,
-        stride: 3 * width as usize,
-        format: PixelFormat::Rgb8,
-    };
+    let frame = FrameView::tight(image.as_raw(), width, height, PixelFormat::Rgb8);
     let start = Instant::now();
     let mut clock = || start.elapsed().as_secs_f64() * 1e3;
     let report = relocalizer

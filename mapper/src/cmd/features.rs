@@ -5,10 +5,9 @@ use crate::picture;
 use crate::weights::load_extractor;
 use anyhow::{Context as _, Result, bail};
 use landline::features::FeatureSet;
-use landline::image::{FrameView, PixelFormat};
+use landline::front_end::{FrontEnd, FrontEndOptions};
 use landline::models::{ExtractorKind, Sampler};
 use landline::nn::{WeightTensor, Weights};
-use landline::relocalizer::{FrontEnd, FrontEndOptions};
 use landline::scene_file::{Element, serialize};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -75,13 +74,7 @@ pub fn run(args: Args) -> Result<()> {
         })?;
     }
     let gray = picture::read_gray(&args.image)?;
-    let frame = FrameView {
-        bytes: &gray.data,
-        width: u32::try_from(gray.width)?,
-        height: u32::try_from(gray.height)?,
-        stride: gray.width,
-        format: PixelFormat::Luma8,
-    };
+    let frame = gray.frame();
     let (kind, sha256) = (file.kind, file.source_sha256.clone());
     let mut front_end = FrontEnd::new(file, options)?;
     let mut features = front_end

@@ -9,7 +9,7 @@ use crate::labels::{
 use crate::progress::Progress;
 use crate::scene::ExtractorArgs;
 use anyhow::{Context, Result};
-use landline::relocalizer::FrontEndOptions;
+use landline::front_end::FrontEndOptions;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 

@@ -168,13 +168,7 @@ fn locate(
         camera_source: CameraSource::Given,
         ..Query::default()
     };
-    let frame = FrameView {
-        bytes: rgb.as_raw(),
-        width: rgb.width(),
-        height: rgb.height(),
-        stride: 3 * rgb.width() as usize,
-        format: PixelFormat::Rgb8,
-    };
+    let frame = FrameView::tight(rgb.as_raw(), rgb.width(), rgb.height(), PixelFormat::Rgb8);
     let start = Instant::now();
     let mut clock = || start.elapsed().as_secs_f64() * 1e3;
     let refused = || format!("locating {}", path.display());

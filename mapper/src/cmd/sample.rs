@@ -14,8 +14,8 @@ use crate::weights::load_extractor;
 use anyhow::Result;
 use image::{ExtendedColorType, ImageEncoder};
 use landline::features::FeatureSet;
+use landline::front_end::{FrontEnd, FrontEndOptions};
 use landline::image::{FrameView, PixelFormat};
-use landline::relocalizer::{FrontEnd, FrontEndOptions};
 use landline::scene_file::{ExtractorFile, Precision};
 use landline_testkit::room::{Picture, RenderOptions, Room, View, query_views, training_views};
 use nalgebra::Vector3;
@@ -111,13 +111,12 @@ pub fn run(args: Args) -> Result<()> {
 }
 
 fn frame(picture: &Picture) -> FrameView<'_> {
-    FrameView {
-        bytes: &picture.rgb,
-        width: picture.width,
-        height: picture.height,
-        stride: 3 * picture.width as usize,
-        format: PixelFormat::Rgb8,
-    }
+    FrameView::tight(
+        &picture.rgb,
+        picture.width,
+        picture.height,
+        PixelFormat::Rgb8,
+    )
 }
 
 fn features_of_walk(

@@ -253,13 +253,7 @@ impl<'a> Evaluator<'a> {
             .cam_from_world
             .ok_or_else(|| EvalError::NoTruth(image.name.clone()))?;
         let rgb = picture::read(&image.path)?.into_rgb8();
-        let frame = FrameView {
-            bytes: rgb.as_raw(),
-            width: rgb.width(),
-            height: rgb.height(),
-            stride: 3 * rgb.width() as usize,
-            format: PixelFormat::Rgb8,
-        };
+        let frame = FrameView::tight(rgb.as_raw(), rgb.width(), rgb.height(), PixelFormat::Rgb8);
         let start = Instant::now();
         let mut clock = || start.elapsed().as_secs_f64() * 1e3;
         let query = Query::with_camera(image.camera);

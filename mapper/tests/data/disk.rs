@@ -1,11 +1,11 @@
 //! A disk that is full in the middle of a run: a clear error, and nothing lost.
 
 use crate::folder::Folder;
+use landline::front_end::FrontEndOptions;
 use landline::geometry::{CamFromWorld, Camera};
 use landline::math::Rng;
 use landline::models::ExtractorKind;
 use landline::nn::{WeightTensor, Weights};
-use landline::relocalizer::FrontEndOptions;
 use landline::scene_file::ExtractorFile;
 use landline_mapper::dataset::{DatasetImage, Split};
 use landline_mapper::extract::Extraction;

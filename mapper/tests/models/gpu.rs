@@ -38,13 +38,7 @@ fn poses_of_the_sample_are_those_of_the_cpu() {
         let rgb = picture::read(&folder.join(name))
             .expect("decodes")
             .into_rgb8();
-        let frame = FrameView {
-            bytes: rgb.as_raw(),
-            width: rgb.width(),
-            height: rgb.height(),
-            stride: 3 * rgb.width() as usize,
-            format: PixelFormat::Rgb8,
-        };
+        let frame = FrameView::tight(rgb.as_raw(), rgb.width(), rgb.height(), PixelFormat::Rgb8);
         let query = Query::with_camera(camera);
         let mut clock = || 0.0;
         let expected = on_cpu.locate(&frame, &query, &mut clock).expect("valid");

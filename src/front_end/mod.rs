@@ -1,7 +1,17 @@
-//! From a frame to its features: the part of the pipeline that localisation and training share.
+//! From a frame to its features: what localisation and training share.
+//!
+//! * **In and out**: a [`FrameView`]; a [`FeatureSet`] of keypoints, segments and their descriptors.
+//! * **Spaces and units**: pixels of the working image, which [`FrontEnd::working_from_sensor`] relates to the frame's.
+//! * **Method**: grey, resize, extractor, line segments, selection, descriptors at points and along segments.
+//! * **Invariants**: the same frame and options give the same features; with the portable kernels on every machine.
+//! * **Cost**: all buffers are kept from frame to frame; a change of the working size builds the extractor's plan anew.
 
-use super::error::{CreateError, LocateError};
-use super::timings::Stopwatch;
+mod error;
+mod stopwatch;
+
+pub use error::FrontEndError;
+pub(crate) use stopwatch::Stopwatch;
+
 use crate::features::{Extractor, ExtractorOptions, FeatureSet, KeypointParams};
 use crate::geometry::{Segment2, WorkingFromSensor};
 use crate::image::{FrameView, GrayImage, gray_from_frame, working_from_gray};
@@ -62,9 +72,9 @@ impl FrontEndOptions {
 
 /// Milliseconds of the stages in here.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct FrontEndTimings {
-    pub(super) features_ms: f64,
-    pub(super) lines_ms: f64,
+pub(crate) struct FrontEndTimings {
+    pub(crate) features_ms: f64,
+    pub(crate) lines_ms: f64,
 }
 
 /// Owns the extractor and every buffer between the frame and its features.
@@ -84,8 +94,8 @@ impl FrontEnd {
     /// Takes the extractor's weights.
     ///
     /// # Errors
-    /// [`CreateError::Features`] when they do not fit, [`CreateError::Option`] for options without a meaning.
-    pub fn new(file: ExtractorFile, options: FrontEndOptions) -> Result<Self, CreateError> {
+    /// [`FrontEndError::Features`] when they do not fit, [`FrontEndError::Option`] for options without a meaning.
+    pub fn new(file: ExtractorFile, options: FrontEndOptions) -> Result<Self, FrontEndError> {
         check(&options, file.kind)?;
         let extractor = Extractor::new(
             file.kind,
@@ -96,8 +106,7 @@ impl FrontEnd {
                 tokens: options.tokens,
                 sampler: options.sampler,
             },
-        )
-        .map_err(CreateError::Features)?;
+        )?;
         Ok(Self {
             extractor,
             options,
@@ -125,8 +134,8 @@ impl FrontEnd {
     /// Changes the size of the working image. The networks are built anew at the next frame.
     ///
     /// # Errors
-    /// [`CreateError::Option`] when no picture of that size can be processed.
-    pub fn set_max_side(&mut self, max_side: usize) -> Result<(), CreateError> {
+    /// [`FrontEndError::Option`] when no picture of that size can be processed.
+    pub fn set_max_side(&mut self, max_side: usize) -> Result<(), FrontEndError> {
         let options = FrontEndOptions {
             max_side,
             ..self.options
@@ -139,8 +148,8 @@ impl FrontEnd {
     /// Features of a frame, in pixels of the working image.
     ///
     /// # Errors
-    /// [`LocateError`] for a frame whose size and bytes disagree, or that is too small.
-    pub fn run(&mut self, frame: &FrameView<'_>) -> Result<&FeatureSet, LocateError> {
+    /// [`FrontEndError`] for a frame whose size and bytes disagree, or that is too small.
+    pub fn run(&mut self, frame: &FrameView<'_>) -> Result<&FeatureSet, FrontEndError> {
         let mut no_clock = || 0.0;
         self.prepare(frame)?;
         self.run_prepared(&mut Stopwatch::start(&mut no_clock), true)?;
@@ -156,7 +165,7 @@ impl FrontEnd {
         &mut self,
         frame: &FrameView<'_>,
         segments: &[Segment2],
-    ) -> Result<&FeatureSet, LocateError> {
+    ) -> Result<&FeatureSet, FrontEndError> {
         self.prepare(frame)?;
         self.segments.clear();
         let working = self.working_from_sensor;
@@ -167,11 +176,11 @@ impl FrontEnd {
     }
 
     /// Features of the frame that [`Self::prepare`] took; `with_segments` unless [`Self::detect`] has run for it.
-    pub(super) fn run_prepared(
+    pub(crate) fn run_prepared(
         &mut self,
         stopwatch: &mut Stopwatch<'_>,
         with_segments: bool,
-    ) -> Result<FrontEndTimings, LocateError> {
+    ) -> Result<FrontEndTimings, FrontEndError> {
         let mut timings = FrontEndTimings::default();
         self.extractor.run_dense(&self.working.view())?;
         timings.features_ms = stopwatch.lap();
@@ -187,13 +196,13 @@ impl FrontEnd {
     }
 
     /// Grey and working image of a frame.
-    pub(super) fn prepare(&mut self, frame: &FrameView<'_>) -> Result<(), LocateError> {
+    pub(crate) fn prepare(&mut self, frame: &FrameView<'_>) -> Result<(), FrontEndError> {
         gray_from_frame(frame, &mut self.gray)?;
         self.working_from_sensor =
             working_from_gray(&self.gray.view(), self.options.max_side, &mut self.working)?;
         let min_side = self.extractor.kind().min_side();
         if self.working.width < min_side || self.working.height < min_side {
-            return Err(LocateError::FrameTooSmall {
+            return Err(FrontEndError::FrameTooSmall {
                 width: frame.width,
                 height: frame.height,
                 working_width: self.working.width,
@@ -205,7 +214,7 @@ impl FrontEnd {
     }
 
     /// Segments of the working image.
-    pub(super) fn detect(&mut self) -> Result<(), LocateError> {
+    pub(crate) fn detect(&mut self) -> Result<(), FrontEndError> {
         let found = lsd::detect(&self.working.view(), &self.options.lsd, &mut self.lsd)?;
         self.segments.clear();
         self.segments.extend_from_slice(found);
@@ -215,13 +224,13 @@ impl FrontEnd {
 
     /// The working image of the last frame.
     #[cfg(feature = "webgpu")]
-    pub(super) fn working(&self) -> crate::image::GrayView<'_> {
+    pub(crate) fn working(&self) -> crate::image::GrayView<'_> {
         self.working.view()
     }
 
     /// The features of the last frame, to be filled from elsewhere: its segments stand in them, descriptors do not.
     #[cfg(feature = "webgpu")]
-    pub(super) fn features_without_descriptors(&mut self) -> &mut FeatureSet {
+    pub(crate) fn features_without_descriptors(&mut self) -> &mut FeatureSet {
         self.features.clear();
         self.features.segments.extend_from_slice(&self.segments);
         &mut self.features
@@ -238,23 +247,23 @@ impl FrontEnd {
     }
 }
 
-fn check(options: &FrontEndOptions, extractor: ExtractorKind) -> Result<(), CreateError> {
+fn check(options: &FrontEndOptions, extractor: ExtractorKind) -> Result<(), FrontEndError> {
     let min_side = extractor.min_side();
     if !(min_side..=8192).contains(&options.max_side) {
-        return Err(CreateError::Option {
+        return Err(FrontEndError::Option {
             name: "max_side",
             value: options.max_side as f64,
             expected: "between the extractor's smallest side (32 for XFeat) and 8192",
         });
     }
     if options.min_segment_px.is_nan() || options.min_segment_px < 0.0 {
-        return Err(CreateError::Option {
+        return Err(FrontEndError::Option {
             name: "min_segment_px",
             value: options.min_segment_px,
             expected: "zero or positive",
         });
     }
-    options.lsd.check().map_err(|_| CreateError::Option {
+    options.lsd.check().map_err(|_| FrontEndError::Option {
         name: "lsd",
         value: options.lsd.scale,
         expected: "parameters in the detector's ranges",

@@ -17,4 +17,5 @@ pub mod pose;
 pub mod regress;
 pub mod relocalizer;
 pub mod scene_file;
+pub mod session;
 pub mod simd;

@@ -57,9 +57,17 @@ impl FrontEndOptions {
             sampler: extractor.sampler,
         }
     }
-}
 
-impl FrontEndOptions {
+    /// The extractor's part of them.
+    pub fn extractor(&self) -> ExtractorOptions {
+        ExtractorOptions {
+            keypoints: self.keypoints,
+            max_segments: self.max_segments,
+            tokens: self.tokens,
+            sampler: self.sampler,
+        }
+    }
+
     fn post(&self) -> PostParams {
         PostParams {
             min_length_px: self.min_segment_px,
@@ -97,16 +105,7 @@ impl FrontEnd {
     /// [`FrontEndError::Features`] when they do not fit, [`FrontEndError::Option`] for options without a meaning.
     pub fn new(file: ExtractorFile, options: FrontEndOptions) -> Result<Self, FrontEndError> {
         check(&options, file.kind)?;
-        let extractor = Extractor::new(
-            file.kind,
-            file.weights,
-            ExtractorOptions {
-                keypoints: options.keypoints,
-                max_segments: options.max_segments,
-                tokens: options.tokens,
-                sampler: options.sampler,
-            },
-        )?;
+        let extractor = Extractor::new(file.kind, file.weights, options.extractor())?;
         Ok(Self {
             extractor,
             options,

@@ -1,6 +1,6 @@
 //! Pairs what was seen with what the networks say about it.
 
-use super::options::RelocalizerOptions;
+use super::options::LiveOptions;
 use crate::features::FeatureSet;
 use crate::pose::{LineCorrespondence, PointCorrespondence};
 use crate::regress::Predictions;
@@ -12,7 +12,7 @@ use crate::regress::Predictions;
 pub(super) fn from_predictions(
     features: &FeatureSet,
     predictions: &Predictions,
-    options: &RelocalizerOptions,
+    options: &LiveOptions,
     order: &mut Vec<(f32, usize)>,
     out_points: &mut Vec<PointCorrespondence>,
     out_lines: &mut Vec<LineCorrespondence>,
@@ -49,8 +49,8 @@ pub(super) fn from_predictions(
     }));
 }
 
-/// The indices of the `most` most confident, ascending; of equals the first.
-fn most_confident(
+/// Fills `order` with the `most` most confident and their indices, ascending by index; of equals the first are kept.
+pub fn most_confident(
     confidences: impl Iterator<Item = f32>,
     most: usize,
     order: &mut Vec<(f32, usize)>,

@@ -32,6 +32,17 @@ pub enum CreateError {
         /// What it may be.
         expected: &'static str,
     },
+    /// A sampler that the scene was not taught with.
+    #[error("option front_end.sampler is `{found}`; the scene was taught with `{taught}`")]
+    Sampler {
+        /// What was asked for.
+        found: &'static str,
+        /// What the scene needs.
+        taught: &'static str,
+    },
+    /// Something that belongs to one frame stands among the options of all.
+    #[error("option live.pose.{0} belongs to one frame: pass it with the frame's query")]
+    OfAFrame(&'static str),
     /// An option of the solver has no meaning.
     #[error(transparent)]
     Pose(#[from] PoseError),
@@ -67,9 +78,6 @@ pub enum LocateError {
         /// Number of the frame, from 1 on.
         number: u64,
     },
-    /// The time of the frame is not a number.
-    #[error("the frame's timestamp is {0}")]
-    Timestamp(f64),
     /// An option of the solver has no meaning.
     #[error("solver: {0}")]
     Pose(#[from] PoseError),

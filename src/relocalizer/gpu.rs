@@ -8,10 +8,10 @@
 //!
 //! None of these makes the driver complain. What does is a [`GpuError`], and the CPU answers the frame.
 
-use super::options::RelocalizerOptions;
 use crate::features::{
     ExtractorOptions, Keypoint, frame_parts, picture_parts, write_gray, write_token_positions,
 };
+use crate::front_end::FrontEndOptions;
 use crate::geometry::{Pixel, SceneScale, Segment2};
 use crate::image::GrayView;
 use crate::models::{ExtractorKind, RegressorConfig, ports};
@@ -53,7 +53,7 @@ impl core::fmt::Debug for GpuNetworks {
 }
 
 impl GpuNetworks {
-    /// Tests the device and prepares the networks. `change` must be the same that the relocalizer gets. `timer` bounds the
+    /// Tests the device and prepares the networks, with the options of the relocalizer that they are for. `timer` bounds the
     /// wait for results; natively the driver blocks and none is needed.
     ///
     /// # Errors
@@ -62,19 +62,12 @@ impl GpuNetworks {
         gpu: Arc<GpuDevice>,
         scene: &SceneFile,
         extractor: &ExtractorFile,
-        change: impl FnOnce(&mut RelocalizerOptions),
+        options: &FrontEndOptions,
         timer: Option<Timer>,
     ) -> Result<Self, GpuError> {
         let mut pipelines = Pipelines::new(&gpu);
         let storage = self_test(&gpu, &mut pipelines, timer.as_ref()).await?;
-        let mut options = RelocalizerOptions::new(extractor.kind);
-        change(&mut options);
-        let options = ExtractorOptions {
-            keypoints: options.keypoints,
-            max_segments: options.max_segments,
-            tokens: scene.config.line_tokens().unwrap_or(2),
-            sampler: scene.info.sampler,
-        };
+        let options = options.extractor();
         let parts = network_parts(
             &scene.config,
             scene.weights.clone(),
@@ -101,6 +94,18 @@ impl GpuNetworks {
             gray: Vec::new(),
             tokens: Vec::new(),
         })
+    }
+
+    /// Refuses options that these networks were not prepared with.
+    pub(super) fn check_options(&self, options: &FrontEndOptions) -> Result<(), GpuError> {
+        if self.options == options.extractor() {
+            return Ok(());
+        }
+        Err(unsupported(format!(
+            "prepared with {:?}, the relocalizer has {:?}",
+            self.options,
+            options.extractor()
+        )))
     }
 
     /// The device.

@@ -1,50 +1,78 @@
 //! What the caller can choose, and what a frame comes with.
 
-use super::smoothing::Smoothing;
-use crate::features::KeypointParams;
+use super::error::CreateError;
+use crate::front_end::FrontEndOptions;
 use crate::geometry::Camera;
-use crate::lsd::LsdParams;
-use crate::models::ExtractorKind;
 use crate::nn::cpu::Level;
-use crate::pose::{Gravity, PoseOptions};
+use crate::pose::{Focal, Gravity, PoseOptions, PriorPose};
+use crate::scene_file::SceneFile;
+
+/// Below this a believed focal length is as good as given. 1.7 % costs 5 cm at 3 m.
+const FROZEN_SIGMA_LN: f64 = 0.01;
 
 /// Options of a [`super::Relocalizer`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RelocalizerOptions {
-    /// Longest side of the working image in pixels. The scene file's own value is best.
-    pub max_side: usize,
-    /// Selection of keypoints.
-    pub keypoints: KeypointParams,
-    /// Line segment detector.
-    pub lsd: LsdParams,
-    /// Shorter segments are dropped; pixels of the working image.
-    pub min_segment_px: f64,
-    /// Most segments of a frame; the longest are kept.
-    pub max_segments: usize,
+    /// How features are made. Samples and sampler are those that the scene was taught with.
+    pub front_end: FrontEndOptions,
+    /// Kernels of the networks on the CPU. [`Level::Portable`] gives the same bits on every machine and in the browser.
+    pub kernels: Level,
+    /// What may change between frames.
+    pub live: LiveOptions,
+}
+
+impl RelocalizerOptions {
+    /// What fits a scene.
+    pub fn for_scene(scene: &SceneFile) -> Self {
+        let taught = FrontEndOptions::new(scene.info.extractor);
+        Self {
+            front_end: FrontEndOptions {
+                max_side: scene.info.working_max_side as usize,
+                tokens: scene.config.line_tokens().unwrap_or(2),
+                sampler: scene.info.sampler,
+                ..taught
+            },
+            kernels: Level::best(),
+            live: LiveOptions::default(),
+        }
+    }
+
+    /// Checks that the options have a meaning and that the scene's networks can read what they make.
+    pub(super) fn check(&self, scene: &SceneFile) -> Result<(), CreateError> {
+        self.live.check()?;
+        let taught = Self::for_scene(scene).front_end;
+        if self.front_end.tokens != taught.tokens {
+            return Err(CreateError::Option {
+                name: "front_end.tokens",
+                value: self.front_end.tokens as f64,
+                expected: "what the scene was taught with",
+            });
+        }
+        if self.front_end.sampler != taught.sampler {
+            return Err(CreateError::Sampler {
+                found: self.front_end.sampler.name(),
+                taught: taught.sampler.name(),
+            });
+        }
+        Ok(())
+    }
+}
+
+/// Options that may change between frames.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LiveOptions {
     /// Most points that the solver gets: the most confident.
     pub max_points: usize,
     /// Most lines that the solver gets.
     pub max_lines: usize,
-    /// The solver; thresholds are in pixels of the working image.
+    /// The solver; thresholds are in pixels of the working image. What is known about one frame (focal length, gravity,
+    /// prior) comes with its [`Query`] and is refused here.
     pub pose: PoseOptions,
-    /// Smoothing of displayed poses.
-    pub smoothing: Smoothing,
-    /// Kernels of the networks on the CPU. [`Level::Portable`] gives the same bits on every machine and in the browser.
-    pub kernels: Level,
 }
 
-impl RelocalizerOptions {
-    /// Defaults for scenes of an extractor.
-    pub fn new(extractor: ExtractorKind) -> Self {
+impl Default for LiveOptions {
+    fn default() -> Self {
         Self {
-            max_side: 640,
-            keypoints: KeypointParams {
-                max_keypoints: 1024,
-                ..KeypointParams::published(extractor)
-            },
-            lsd: LsdParams::default(),
-            min_segment_px: 20.0,
-            max_segments: 300,
             // On RedKitchen 800-899 this locates all pictures within 5 cm and 5 degrees where 300 and 150 leave one out;
             // the solver takes 25 instead of 14 ms.
             max_points: 600,
@@ -54,8 +82,25 @@ impl RelocalizerOptions {
                 max_iterations: 10_000,
                 ..PoseOptions::default()
             },
-            smoothing: Smoothing::Off,
-            kernels: Level::best(),
+        }
+    }
+}
+
+impl LiveOptions {
+    /// Checks that every option has a meaning.
+    ///
+    /// # Errors
+    /// [`CreateError`] names the first that has none.
+    pub fn check(&self) -> Result<(), CreateError> {
+        self.pose.validate()?;
+        let of_a_frame = [
+            ("focal", self.pose.focal != Focal::Known),
+            ("gravity", self.pose.gravity.is_some()),
+            ("prior", self.pose.prior.is_some()),
+        ];
+        match of_a_frame.into_iter().find(|(_, is_set)| *is_set) {
+            Some((name, _)) => Err(CreateError::OfAFrame(name)),
+            None => Ok(()),
         }
     }
 }
@@ -89,38 +134,51 @@ impl CameraSource {
     }
 }
 
+/// What is believed about the focal length of a camera whose intrinsics nobody told.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FocalBelief {
+    /// Focal length divided by the picture's width.
+    pub focal_per_width: f64,
+    /// Standard deviation of its logarithm.
+    pub sigma_ln: f64,
+}
+
+impl FocalBelief {
+    /// True when it need not be estimated any more.
+    pub fn is_frozen(&self) -> bool {
+        self.sigma_ln <= FROZEN_SIGMA_LN
+    }
+}
+
 /// What is known about one frame besides its pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Query<'a> {
+pub struct Query {
     /// Intrinsics in pixels of the frame; `None` when unknown.
     pub camera: Option<Camera>,
     /// Where they come from.
     pub camera_source: CameraSource,
-    /// Name under which the focal length is remembered; empty for none.
-    pub camera_name: &'a str,
-    /// Time of the frame.
-    pub timestamp_ms: f64,
-    /// Treat the frame as the next one of a moving camera.
-    pub tracking: bool,
+    /// What is believed about the focal length; used without `camera`.
+    pub focal: Option<FocalBelief>,
+    /// A pose that is probably near.
+    pub prior: Option<PriorPose>,
     /// Direction of gravity, if a sensor tells.
     pub gravity: Option<Gravity>,
 }
 
-impl Default for Query<'_> {
+impl Default for Query {
     fn default() -> Self {
         Self {
             camera: None,
             camera_source: CameraSource::Given,
-            camera_name: "",
-            timestamp_ms: 0.0,
-            tracking: false,
+            focal: None,
+            prior: None,
             gravity: None,
         }
     }
 }
 
-impl Query<'_> {
-    /// A single picture of a known camera.
+impl Query {
+    /// A picture of a known camera.
     pub fn with_camera(camera: Camera) -> Self {
         Self {
             camera: Some(camera),

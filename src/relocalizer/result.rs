@@ -2,7 +2,6 @@
 
 use super::options::CameraSource;
 use super::timings::StageTimings;
-use super::tracking::TrackState;
 use crate::geometry::{CamFromWorld, Camera};
 use crate::pose::{PoseEstimate, PoseStats, PoseStatus};
 
@@ -62,8 +61,6 @@ impl NotLocated {
 pub struct Localization {
     /// As solved from this frame.
     pub cam_from_world: CamFromWorld,
-    /// For display; `None` when smoothing is off.
-    pub smoothed: Option<CamFromWorld>,
     /// The solver's full answer. Its camera is that of the working image.
     pub estimate: PoseEstimate,
     /// Median reprojection error of the inliers, pixels of the frame.
@@ -127,8 +124,6 @@ pub struct Report {
     pub focal_sigma_ln: Option<f64>,
     /// How many of everything.
     pub counts: Counts,
-    /// State over the last frames.
-    pub state: TrackState,
     /// Where the solver spent its effort.
     pub pose_stats: PoseStats,
     /// Where the time went.

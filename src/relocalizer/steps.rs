@@ -1,28 +1,19 @@
 //! The steps of one frame: begin, observe, solve.
 
 use super::Relocalizer;
+use super::accept::accept;
 use super::correspond;
 use super::error::LocateError;
 use super::last_frame::{count, mark};
-use super::options::{CameraSource, Query};
-use super::result::{Counts, Localization, NotLocated, Outcome, Report};
+use super::options::Query;
+use super::result::{Counts, Localization, Outcome, Report};
+use super::start::Start;
 use super::timings::StageTimings;
-use super::tracking::{LimitedReason, TrackState};
 use crate::front_end::{FrontEndError, Stopwatch};
-use crate::geometry::{CamFromWorld, WorkingFromSensor};
+use crate::geometry::{Camera, WorkingFromSensor};
 use crate::image::FrameView;
-use crate::pose::{self, Focal, PoseOptions, PriorPose};
+use crate::pose::{self, PoseEstimate, PoseOptions, PoseOutcome};
 
-/// Fewer features than this are not worth a look.
-const MIN_FEATURES: usize = 8;
-/// Fewer things that agree are not believed, whatever the evidence says: repeated predictions (a network that was taught
-/// another place) are not independent of each other, and the solver's evidence takes them to be.
-const MIN_INLIERS: u32 = 12;
-/// And no fewer than one in so many of what the solver was given: the scene of another room finds chance poses with up to
-/// 30 of 900, while in its own room a third of them agree.
-const MIN_INLIER_SHARE: u32 = 12;
-/// A focal length known worse than this makes tracking limited.
-const MAX_TRACKED_SIGMA_LN: f64 = 0.05;
 /// Nats of evidence above chance that make a pose 63 % sure, 95 % at three times as much.
 const EVIDENCE_SCALE: f64 = 10.0;
 
@@ -57,7 +48,7 @@ impl Relocalizer {
     pub fn locate(
         &mut self,
         frame: &FrameView<'_>,
-        query: &Query<'_>,
+        query: &Query,
         clock: &mut dyn FnMut() -> f64,
     ) -> Result<Report, LocateError> {
         let begun = self.prepare(frame, query, &mut Stopwatch::start(clock))?;
@@ -65,7 +56,7 @@ impl Relocalizer {
         self.solve(observed, query, clock)
     }
 
-    /// [`Self::locate`] with the networks on the device that [`Self::use_gpu`] gave, or on the CPU without one.
+    /// [`Self::locate`] with the networks on the device that `place` or `use_gpu` gave, or on the CPU without one.
     ///
     /// # Errors
     /// [`LocateError`] for a frame or camera that makes no sense. A device that fails is no error.
@@ -73,7 +64,7 @@ impl Relocalizer {
     pub async fn locate_with_gpu(
         &mut self,
         frame: &FrameView<'_>,
-        query: &Query<'_>,
+        query: &Query,
         clock: &mut dyn FnMut() -> f64,
     ) -> Result<Report, LocateError> {
         let begun = self.begin(frame, query, clock).await?;
@@ -91,7 +82,7 @@ impl Relocalizer {
     pub async fn begin(
         &mut self,
         frame: &FrameView<'_>,
-        query: &Query<'_>,
+        query: &Query,
         clock: &mut dyn FnMut() -> f64,
     ) -> Result<Begun, LocateError> {
         let mut stopwatch = Stopwatch::start(clock);
@@ -147,13 +138,13 @@ impl Relocalizer {
     fn prepare(
         &mut self,
         frame: &FrameView<'_>,
-        query: &Query<'_>,
+        query: &Query,
         stopwatch: &mut Stopwatch<'_>,
     ) -> Result<Begun, LocateError> {
         frame.check().map_err(FrontEndError::Frame)?;
         let size = (frame.width, frame.height);
         // For its errors: the intrinsics themselves may change until this frame is solved.
-        self.camera_for(size, query)?;
+        Start::new(size, query)?;
         // From here on the picture of an earlier frame is gone, even if this one fails.
         self.num_begun += 1;
         self.front_end.prepare(frame)?;
@@ -212,7 +203,7 @@ impl Relocalizer {
     pub fn solve(
         &mut self,
         observed: Observed,
-        query: &Query<'_>,
+        query: &Query,
         clock: &mut dyn FnMut() -> f64,
     ) -> Result<Report, LocateError> {
         if observed.number != self.num_observed {
@@ -220,141 +211,94 @@ impl Relocalizer {
                 number: observed.number,
             });
         }
-        let (sensor_camera, source, focal) = self.camera_for(observed.size, query)?;
-        let mut timings = observed.timings;
+        let start = Start::new(observed.size, query)?;
         let mut stopwatch = Stopwatch::start(clock);
         self.working_from_sensor = observed.working_from_sensor;
-        let features = self.front_end.features();
-        correspond::from_predictions(
-            features,
-            &self.predictions,
-            &self.options,
-            &mut self.order,
-            &mut self.points,
-            &mut self.lines,
-        );
-        let mut counts = Counts {
-            num_keypoints: features.keypoints.len(),
-            num_segments: features.segments.len(),
-            num_point_correspondences: self.points.len(),
-            num_line_correspondences: self.lines.len(),
-            ..Counts::default()
-        };
-        let working = self.working_from_sensor;
-        let camera = sensor_camera.resized(&working);
-        let options = PoseOptions {
-            focal,
-            gravity: query.gravity,
-            prior: self.prior(query),
-            ..self.options.pose
-        };
-        let solved = pose::estimate(
-            &self.points,
-            &self.lines,
-            &camera,
-            &options,
-            &mut self.pose,
-            stopwatch.clock(),
-        )?;
-
-        let num_given = (self.points.len() + self.lines.len()) as u32;
-        let needed = MIN_INLIERS.max(num_given / MIN_INLIER_SHARE);
-        let found = solved
-            .located()
-            .filter(|e| e.num_point_inliers + e.num_line_inliers >= needed)
-            .copied();
-        let reason = if found.is_some() {
-            None
-        } else if counts.num_keypoints + counts.num_segments < MIN_FEATURES {
-            Some(NotLocated::FewFeatures)
-        } else {
-            Some(NotLocated::from_status(solved.status).unwrap_or(NotLocated::FewInliers))
-        };
-        let mut report_camera = sensor_camera;
-        let mut report_source = source;
-        let mut focal_sigma_ln = None;
-        let outcome = if let Some(estimate) = found {
-            if focal != Focal::Known {
-                let factor = estimate.camera.focal_px().0 / camera.focal_px().0;
-                report_camera = sensor_camera.with_focal_scaled(factor);
-                let sigma_ln = estimate.sigma_focal_px / estimate.camera.focal_px().0;
-                focal_sigma_ln = Some(sigma_ln);
-                if report_source == CameraSource::Assumed {
-                    report_source = CameraSource::Estimated;
-                }
-                let per_width = report_camera.focal_px().0 / f64::from(observed.size.0);
-                self.focal.learn(query.camera_name, per_width, sigma_ln);
+        let mut counts = self.correspond();
+        let camera = start.camera.resized(&self.working_from_sensor);
+        let solved = self.estimate(&start, &camera, query, stopwatch.clock())?;
+        let (mut solved_camera, mut source, mut sigma_ln) = (start.camera, start.source, None);
+        let outcome = match accept(&solved, &counts) {
+            Ok(estimate) => {
+                (solved_camera, source, sigma_ln) = start.solved(&camera, &estimate);
+                Outcome::Located(self.localization(estimate))
             }
-            let median_error_px = self.mark_inliers() / (0.5 * (working.scale_x + working.scale_y));
-            counts.num_point_inliers = count(&self.is_point_inlier);
-            counts.num_line_inliers = count(&self.is_line_inlier);
-            let smoothed = self.follow(&estimate.cam_from_world, query, focal_sigma_ln);
-            Outcome::Located(Localization {
-                cam_from_world: estimate.cam_from_world,
-                smoothed,
-                estimate,
-                median_error_px,
-                confidence: 1.0 - libm::exp(-estimate.log_evidence.max(0.0) / EVIDENCE_SCALE),
-            })
-        } else {
-            mark(&[], self.points.len(), &mut self.is_point_inlier);
-            mark(&[], self.lines.len(), &mut self.is_line_inlier);
-            if query.tracking {
-                self.track.missed();
+            Err(reason) => {
+                mark(&[], self.points.len(), &mut self.is_point_inlier);
+                mark(&[], self.lines.len(), &mut self.is_line_inlier);
+                Outcome::NotLocated(reason)
             }
-            Outcome::NotLocated(reason.unwrap_or(NotLocated::FewInliers))
         };
+        counts.num_point_inliers = count(&self.is_point_inlier);
+        counts.num_line_inliers = count(&self.is_line_inlier);
+        let mut timings = observed.timings;
         timings.solve_ms = stopwatch.lap();
         timings.total_ms += stopwatch.total();
-        let state = match (query.tracking, &outcome) {
-            (true, _) => self.track.state(),
-            (false, Outcome::Located(_)) => TrackState::Tracking,
-            (false, Outcome::NotLocated(_)) => TrackState::Searching,
-        };
         Ok(Report {
             outcome,
             on_gpu: observed.on_gpu,
-            camera: report_camera,
-            camera_source: report_source,
-            focal_sigma_ln,
+            camera: solved_camera,
+            camera_source: source,
+            focal_sigma_ln: sigma_ln,
             counts,
-            state,
             pose_stats: solved.stats,
             timings,
         })
     }
 
-    fn prior(&self, query: &Query<'_>) -> Option<PriorPose> {
-        if !query.tracking {
-            return self.options.pose.prior;
+    /// Fills the solver's lists from features and predictions.
+    fn correspond(&mut self) -> Counts {
+        let features = self.front_end.features();
+        correspond::from_predictions(
+            features,
+            &self.predictions,
+            &self.options.live,
+            &mut self.order,
+            &mut self.points,
+            &mut self.lines,
+        );
+        Counts {
+            num_keypoints: features.keypoints.len(),
+            num_segments: features.segments.len(),
+            num_point_correspondences: self.points.len(),
+            num_line_correspondences: self.lines.len(),
+            ..Counts::default()
         }
-        let cam_from_world = self.track.prior(query.timestamp_ms)?;
-        Some(PriorPose {
-            cam_from_world,
-            covariance: None,
-        })
     }
 
-    /// Updates the state over frames; the smoothed pose when smoothing is on.
-    fn follow(
+    /// Runs the solver; `camera` is that of the working image.
+    fn estimate(
         &mut self,
-        cam_from_world: &CamFromWorld,
-        query: &Query<'_>,
-        focal_sigma_ln: Option<f64>,
-    ) -> Option<CamFromWorld> {
-        if !query.tracking {
-            return None;
+        start: &Start,
+        camera: &Camera,
+        query: &Query,
+        clock: &mut dyn FnMut() -> f64,
+    ) -> Result<PoseOutcome, LocateError> {
+        let options = PoseOptions {
+            focal: start.focal,
+            gravity: query.gravity,
+            prior: query.prior,
+            ..self.options.live.pose
+        };
+        let (points, lines) = (&self.points, &self.lines);
+        Ok(pose::estimate(
+            points,
+            lines,
+            camera,
+            &options,
+            &mut self.pose,
+            clock,
+        )?)
+    }
+
+    /// Marks what agrees with the solver's last answer, and puts the answer in the frame's own pixels.
+    fn localization(&mut self, estimate: PoseEstimate) -> Localization {
+        let working = self.working_from_sensor;
+        Localization {
+            cam_from_world: estimate.cam_from_world,
+            median_error_px: self.mark_inliers() / (0.5 * (working.scale_x + working.scale_y)),
+            confidence: 1.0 - libm::exp(-estimate.log_evidence.max(0.0) / EVIDENCE_SCALE),
+            estimate,
         }
-        let doubt = focal_sigma_ln
-            .filter(|sigma| *sigma > MAX_TRACKED_SIGMA_LN)
-            .map(|_| LimitedReason::FocalUncertain);
-        if self
-            .track
-            .located(cam_from_world, query.timestamp_ms, doubt)
-        {
-            self.filter.reset();
-        }
-        self.filter
-            .apply(self.options.smoothing, cam_from_world, query.timestamp_ms)
     }
 }

@@ -19,6 +19,7 @@ const HEIGHT: usize = 128;
 
 /// Options that make networks of random weights say something.
 fn change(options: &mut RelocalizerOptions) {
+    let options = &mut options.front_end;
     options.keypoints.min_heat = 0.012;
     options.keypoints.max_keypoints = 150;
     options.max_segments = 40;
@@ -35,7 +36,7 @@ fn any_device() -> Option<Arc<GpuDevice>> {
     gpu_or_skip(GpuDevice::request(AdapterChoice::Any))
 }
 
-fn query(gray: &GrayImage) -> Query<'static> {
+fn query(gray: &GrayImage) -> Query {
     let (width, height) = (gray.width as u32, gray.height as u32);
     Query::with_camera(Camera::centered(width, height, 150.0))
 }
@@ -48,15 +49,11 @@ fn locate(relocalizer: &mut Relocalizer, gray: &GrayImage) -> Report {
 fn networks(
     gpu: &Arc<GpuDevice>,
     (scene, extractor): &(SceneFile, ExtractorFile),
-    change: fn(&mut RelocalizerOptions),
+    options: &RelocalizerOptions,
 ) -> Result<GpuNetworks, GpuError> {
-    pollster::block_on(GpuNetworks::new(
-        Arc::clone(gpu),
-        scene,
-        extractor,
-        change,
-        None,
-    ))
+    let options = &options.front_end;
+    let gpu = Arc::clone(gpu);
+    pollster::block_on(GpuNetworks::new(gpu, scene, extractor, options, None))
 }
 
 /// The same scene on the CPU and on the device.
@@ -65,11 +62,11 @@ fn pair(
     files: (SceneFile, ExtractorFile),
     change: fn(&mut RelocalizerOptions),
 ) -> (Relocalizer, Relocalizer) {
-    let made = networks(gpu, &files, change).expect("fits");
-    let (scene, extractor) = files;
+    let (scene, extractor) = files.clone();
     let on_cpu = Relocalizer::new(scene.clone(), extractor.clone(), change).expect("makes");
     let mut on_gpu = Relocalizer::new(scene, extractor, change).expect("makes");
-    on_gpu.use_gpu(made);
+    let made = networks(gpu, &files, on_gpu.options()).expect("fits");
+    on_gpu.use_gpu(made).expect("made for it");
     (on_cpu, on_gpu)
 }
 
@@ -160,6 +157,7 @@ fn v1_on_superpoint_agrees_with_the_cpu() {
     let files = random_scene(ExtractorKind::SuperPointV1, RegressorConfig::V1(config));
     let gray = random_picture(96, 72, &mut Rng::from_seed(3));
     let few = |options: &mut RelocalizerOptions| {
+        let options = &mut options.front_end;
         options.keypoints.min_heat = 0.0;
         options.keypoints.max_keypoints = 60;
         options.max_segments = 20;
@@ -307,8 +305,22 @@ fn a_shader_error_in_the_scenes_networks_hands_over_to_the_cpu() {
 fn a_wrong_device_never_gets_the_networks() {
     let Some(gpu) = any_device() else { return };
     gpu.simulate(Fault::WrongAnswer);
-    let error = networks(&gpu, &preset(Preset::Compact), change).expect_err("wrong");
+    let files = preset(Preset::Compact);
+    let options = RelocalizerOptions::for_scene(&files.0);
+    let error = networks(&gpu, &files, &options).expect_err("wrong");
     assert!(error.to_string().contains("self-test"), "{error}");
+}
+
+#[test]
+fn networks_that_were_made_with_other_options_are_refused() {
+    let Some(gpu) = any_device() else { return };
+    let files = preset(Preset::Compact);
+    let options = RelocalizerOptions::for_scene(&files.0);
+    let made = networks(&gpu, &files, &options).expect("fits");
+    let mut relocalizer = Relocalizer::new(files.0, files.1, change).expect("makes");
+    let refused = relocalizer.use_gpu(made).expect_err("other options");
+    assert!(refused.to_string().contains("prepared with"), "{refused}");
+    assert!(relocalizer.gpu().is_none());
 }
 
 #[test]
@@ -337,8 +349,8 @@ fn pictures_of_changing_sizes_and_without_features_are_answered() {
 fn more_segments_than_capacity_keep_the_longest_on_both_backends() {
     fn crowded(options: &mut RelocalizerOptions) {
         change(options);
-        options.max_segments = 6;
-        options.min_segment_px = 1.0;
+        options.front_end.max_segments = 6;
+        options.front_end.min_segment_px = 1.0;
     }
     check(preset(Preset::Compact), &a_picture(8), crowded, 100);
 }

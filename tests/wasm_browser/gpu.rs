@@ -129,17 +129,19 @@ async fn a_whole_frame_agrees_with_the_cpu_and_the_cpu_takes_over() {
     let config = RegressorConfig::preset(Preset::Compact, kind.descriptor_channels());
     let (scene, extractor) = random_scene(kind, config);
     let change = |options: &mut RelocalizerOptions| {
+        let options = &mut options.front_end;
         options.keypoints.min_heat = 0.012;
         options.keypoints.max_keypoints = 60;
         options.max_segments = 20;
         options.min_segment_px = 6.0;
     };
-    let networks = GpuNetworks::new(Arc::clone(&gpu), &scene, &extractor, change, None)
+    let mut on_cpu = Relocalizer::new(scene.clone(), extractor.clone(), change).expect("makes");
+    let mut on_gpu = Relocalizer::new(scene.clone(), extractor.clone(), change).expect("makes");
+    let options = on_gpu.options().front_end;
+    let networks = GpuNetworks::new(Arc::clone(&gpu), &scene, &extractor, &options, None)
         .await
         .expect("fits");
-    let mut on_cpu = Relocalizer::new(scene.clone(), extractor.clone(), change).expect("makes");
-    let mut on_gpu = Relocalizer::new(scene, extractor, change).expect("makes");
-    on_gpu.use_gpu(networks);
+    on_gpu.use_gpu(networks).expect("made for it");
     let gray = random_picture(SIDE, SIDE, &mut Rng::from_seed(5)).data;
 
     let expected = locate(&mut on_cpu, &gray).await;

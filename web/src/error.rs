@@ -4,6 +4,7 @@ use js_sys::{Error, Reflect};
 use landline::front_end::FrontEndError;
 use landline::relocalizer::{CreateError, LocateError};
 use landline::scene_file::SceneFileError;
+use landline::session::SessionError;
 use wasm_bindgen::JsValue;
 
 /// The codes that `web/ts/errors.ts` documents.
@@ -50,11 +51,13 @@ pub(crate) fn from_create(error: &CreateError) -> JsValue {
     js_error(code, &error.to_string())
 }
 
-pub(crate) fn from_locate(error: &LocateError) -> JsValue {
+pub(crate) fn from_session(error: &SessionError) -> JsValue {
     let code = match error {
         // What the caller's frame and options cannot cause is a defect.
-        LocateError::FrontEnd(FrontEndError::Extractor(_) | FrontEndError::Segments(_))
-        | LocateError::Regress(_) => Code::Panicked,
+        SessionError::Locate(
+            LocateError::FrontEnd(FrontEndError::Extractor(_) | FrontEndError::Segments(_))
+            | LocateError::Regress(_),
+        ) => Code::Panicked,
         _ => Code::BadInput,
     };
     js_error(code, &error.to_string())

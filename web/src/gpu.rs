@@ -1,9 +1,8 @@
 //! Whether the networks run on the GPU, and why not.
 
 use js_sys::{Function, Promise, Reflect};
-use landline::nn::gpu::{AdapterChoice, GpuDevice, Timer};
-use landline::relocalizer::{GpuNetworks, Relocalizer, RelocalizerOptions};
-use landline::scene_file::{ExtractorFile, SceneFile};
+use landline::nn::gpu::Timer;
+use landline::relocalizer::Device;
 use wasm_bindgen::prelude::wasm_bindgen;
 use wasm_bindgen::{JsCast as _, JsValue};
 use wasm_bindgen_futures::JsFuture;
@@ -14,25 +13,13 @@ extern "C" {
     fn set_timeout(handler: &Function, milliseconds: u32) -> JsValue;
 }
 
-/// What the page asked for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Device {
-    /// The faster of a hardware GPU and the CPU, as measured.
-    Auto,
-    /// Any adapter, without measuring.
-    WebGpu,
-    /// The CPU.
-    Cpu,
-}
-
-impl Device {
-    pub(crate) fn parse(name: &str) -> Option<Self> {
-        match name {
-            "auto" => Some(Self::Auto),
-            "webgpu" => Some(Self::WebGpu),
-            "cpu" => Some(Self::Cpu),
-            _ => None,
-        }
+/// The device that a page names.
+pub(crate) fn device(name: &str) -> Option<Device> {
+    match name {
+        "auto" => Some(Device::Auto),
+        "webgpu" => Some(Device::Gpu),
+        "cpu" => Some(Device::Cpu),
+        _ => None,
     }
 }
 
@@ -48,7 +35,7 @@ fn browser_has_webgpu() -> bool {
         .is_some()
 }
 
-fn timer() -> Timer {
+pub(crate) fn timer() -> Timer {
     Box::new(|milliseconds| {
         let promise = Promise::new(&mut |resolve, _reject| {
             set_timeout(resolve.unchecked_ref(), milliseconds);
@@ -69,29 +56,4 @@ pub(crate) fn ruled_out(device: Device) -> Option<String> {
     } else {
         Some("this browser has no WebGPU".to_owned())
     }
-}
-
-/// Moves the networks of a relocalizer to the GPU if it is there. The text says why not.
-pub(crate) async fn choose(
-    core: &mut Relocalizer,
-    device: Device,
-    scene: &SceneFile,
-    extractor: &ExtractorFile,
-    change: impl FnOnce(&mut RelocalizerOptions),
-) -> Option<String> {
-    let choice = match device {
-        Device::Cpu => return ruled_out(device),
-        Device::Auto => AdapterChoice::Hardware,
-        Device::WebGpu => AdapterChoice::Any,
-    };
-    let networks = async {
-        let gpu = GpuDevice::request(choice).await?;
-        GpuNetworks::new(gpu, scene, extractor, change, Some(timer())).await
-    };
-    match networks.await {
-        Ok(networks) if device == Device::Auto => core.try_gpu(networks),
-        Ok(networks) => core.use_gpu(networks),
-        Err(error) => return Some(error.to_string()),
-    }
-    None
 }

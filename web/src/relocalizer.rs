@@ -1,15 +1,14 @@
 //! The relocalizer as JavaScript sees it.
 
-use crate::error::{Code, from_create, from_locate, js_error};
-use crate::gpu::{self, Device};
+use crate::error::{Code, from_create, from_session, js_error};
+use crate::gpu;
 use crate::performance_now;
 use crate::result::encode;
 use landline::geometry::{Camera, CameraModel};
 use landline::image::{FrameView, PixelFormat};
-use landline::relocalizer::{
-    Begun, CameraSource, CreateError, Observed, Query, Relocalizer, RelocalizerOptions, Smoothing,
-};
+use landline::relocalizer::{Begun, CameraSource, CreateError, LiveOptions, Observed, Relocalizer};
 use landline::scene_file::{ExtractorFile, SceneFile, TensorFile, Units};
+use landline::session::{Session, SessionQuery, Smoothing};
 use serde::Deserialize;
 use wasm_bindgen::JsValue;
 use wasm_bindgen::prelude::wasm_bindgen;
@@ -50,13 +49,17 @@ impl Options {
         Ok(options)
     }
 
-    fn apply(&self, to: &mut RelocalizerOptions) {
-        if let Some(Ok(value)) = self.smoothing.as_deref().map(smoothing) {
-            to.smoothing = value;
-        }
-        if let Some(side) = self.max_side {
-            to.max_side = side as usize;
-        }
+    fn smoothing(&self) -> Option<Smoothing> {
+        self.smoothing
+            .as_deref()
+            .and_then(|name| smoothing(name).ok())
+    }
+
+    fn max_side(&self) -> Option<usize> {
+        self.max_side.map(|side| side as usize)
+    }
+
+    fn apply(&self, to: &mut LiveOptions) {
         if let Some(budget) = self.time_budget_ms {
             to.pose.time_budget_ms = Some(budget);
         }
@@ -89,7 +92,7 @@ fn smoothing(name: &str) -> Result<Smoothing, JsValue> {
     }
 }
 
-/// [`Query`] of a frame that is under way.
+/// [`SessionQuery`] of a frame that is under way.
 #[derive(Debug)]
 struct OwnedQuery {
     camera: Option<Camera>,
@@ -100,8 +103,8 @@ struct OwnedQuery {
 }
 
 impl OwnedQuery {
-    fn borrow(&self) -> Query<'_> {
-        Query {
+    fn borrow(&self) -> SessionQuery<'_> {
+        SessionQuery {
             camera: self.camera,
             camera_source: self.camera_source,
             camera_name: &self.camera_name,
@@ -117,7 +120,7 @@ impl OwnedQuery {
 #[wasm_bindgen]
 #[derive(Debug)]
 pub struct RawRelocalizer {
-    core: Relocalizer,
+    session: Session,
     info: String,
     frame: Vec<u8>,
     begun: Option<(Begun, OwnedQuery)>,
@@ -140,8 +143,7 @@ impl RawRelocalizer {
         options: String,
     ) -> Result<RawRelocalizer, JsValue> {
         let options = Options::parse(&options)?;
-        let info = scene_info(&scene)?;
-        let device = Device::parse(&device).ok_or_else(|| {
+        let device = gpu::device(&device).ok_or_else(|| {
             let message = format!("device {device:?} is unknown; it must be auto, webgpu or cpu");
             js_error(Code::BadInput, &message)
         })?;
@@ -149,25 +151,32 @@ impl RawRelocalizer {
         // they are read, and the weights are copied only for a device.
         let scene_file =
             SceneFile::from_bytes(&scene).map_err(|e| from_create(&CreateError::Scene(e)))?;
+        let info = scene_card(&scene_file, &scene)?;
         drop(scene);
         let extractor_file = ExtractorFile::from_bytes(&extractor)
             .map_err(|e| from_create(&CreateError::Extractor(e)))?;
         drop(extractor);
-        let change = |o: &mut RelocalizerOptions| options.apply(o);
         let ruled_out = gpu::ruled_out(device);
         let for_device = ruled_out
             .is_none()
             .then(|| (scene_file.clone(), extractor_file.clone()));
-        let mut core =
-            Relocalizer::new(scene_file, extractor_file, change).map_err(|e| from_create(&e))?;
+        let mut core = Relocalizer::new(scene_file, extractor_file, |to| {
+            to.front_end.max_side = options.max_side().unwrap_or(to.front_end.max_side);
+            options.apply(&mut to.live);
+        })
+        .map_err(|e| from_create(&e))?;
         let backend_reason = match for_device {
-            Some((scene, extractor)) => {
-                gpu::choose(&mut core, device, &scene, &extractor, change).await
-            }
+            Some((scene, extractor)) => core
+                .place(device, &scene, &extractor, Some(gpu::timer()))
+                .await
+                .err()
+                .map(|error| error.to_string()),
             None => ruled_out,
         };
+        let mut session = Session::new(core);
+        session.set_smoothing(options.smoothing().unwrap_or_default());
         Ok(Self {
-            core,
+            session,
             info,
             frame: Vec::new(),
             begun: None,
@@ -187,7 +196,7 @@ impl RawRelocalizer {
     /// What executes the networks.
     #[must_use]
     pub fn backend(&self) -> String {
-        let on_gpu = self.core.gpu().is_some();
+        let on_gpu = self.session.relocalizer().gpu().is_some();
         if on_gpu { "webgpu" } else { "cpu" }.to_owned()
     }
 
@@ -195,8 +204,9 @@ impl RawRelocalizer {
     #[wasm_bindgen(js_name = backendReason)]
     #[must_use]
     pub fn backend_reason(&self) -> String {
-        let why = self.core.gpu_failure().or(self.backend_reason.as_deref());
-        match (why, self.core.gpu()) {
+        let core = self.session.relocalizer();
+        let why = core.gpu_failure().or(self.backend_reason.as_deref());
+        match (why, core.gpu()) {
             (Some(why), _) => why.to_owned(),
             (None, Some(gpu)) => gpu.device().adapter_name(),
             (None, None) => String::new(),
@@ -276,10 +286,10 @@ impl RawRelocalizer {
             tracking,
         };
         let begun = self
-            .core
+            .session
             .begin(&frame, &query.borrow(), &mut performance_now)
             .await
-            .map_err(|e| from_locate(&e))?;
+            .map_err(|e| from_session(&e))?;
         self.begun = Some((begun, query));
         Ok(())
     }
@@ -291,10 +301,10 @@ impl RawRelocalizer {
     pub async fn observe(&mut self) -> Result<(), JsValue> {
         let (begun, query) = self.begun.take().ok_or_else(|| out_of_order("begun"))?;
         let observed = self
-            .core
+            .session
             .observe(begun, &mut performance_now)
             .await
-            .map_err(|e| from_locate(&e))?;
+            .map_err(|e| from_session(&e))?;
         self.observed = Some((observed, query));
         Ok(())
     }
@@ -309,10 +319,15 @@ impl RawRelocalizer {
             .take()
             .ok_or_else(|| out_of_order("observed"))?;
         let report = self
-            .core
+            .session
             .solve(observed, &query.borrow(), &mut performance_now)
-            .map_err(|e| from_locate(&e))?;
-        encode(&self.core, &report, include, &mut self.result);
+            .map_err(|e| from_session(&e))?;
+        encode(
+            self.session.relocalizer(),
+            &report,
+            include,
+            &mut self.result,
+        );
         Ok(())
     }
 
@@ -337,9 +352,18 @@ impl RawRelocalizer {
     #[wasm_bindgen(js_name = setOptions)]
     pub fn set_options(&mut self, options: &str) -> Result<(), JsValue> {
         let options = Options::parse(options)?;
-        self.core
-            .set_options(|o| options.apply(o))
-            .map_err(|e| from_create(&e))
+        let core = self.session.relocalizer_mut();
+        let mut live = core.options().live;
+        options.apply(&mut live);
+        live.check().map_err(|e| from_create(&e))?;
+        if let Some(side) = options.max_side() {
+            core.set_max_side(side).map_err(|e| from_create(&e))?;
+        }
+        core.set_live(live).map_err(|e| from_create(&e))?;
+        if let Some(smoothing) = options.smoothing() {
+            self.session.set_smoothing(smoothing);
+        }
+        Ok(())
     }
 
     /// Takes over what an earlier session learned of a camera.
@@ -348,23 +372,21 @@ impl RawRelocalizer {
     /// A JavaScript `Error` with a `code`.
     #[wasm_bindgen(js_name = recallCamera)]
     pub fn recall_camera(&mut self, name: &str, focal_per_width: f64) -> Result<(), JsValue> {
-        self.core
+        self.session
             .recall_camera(name, focal_per_width)
-            .map_err(|e| from_create(&e))
+            .map_err(|e| from_session(&e))
     }
 
     /// Forgets where the camera was.
     pub fn reset(&mut self) {
-        self.core.reset();
+        self.session.reset();
     }
 }
 
 /// The `SceneInfo` of `web/ts/types.ts`.
-fn scene_info(bytes: &[u8]) -> Result<String, JsValue> {
-    let scene = |e| from_create(&CreateError::Scene(e));
-    let file = TensorFile::parse(bytes).map_err(scene)?;
-    let read = SceneFile::from_bytes(bytes).map_err(scene)?;
-    let info = &read.info;
+fn scene_card(scene: &SceneFile, bytes: &[u8]) -> Result<String, JsValue> {
+    let file = TensorFile::parse(bytes).map_err(|e| from_create(&CreateError::Scene(e)))?;
+    let info = &scene.info;
     let camera = info.camera.as_ref().map(|camera| {
         let (fx, fy) = camera.focal_px();
         let c = camera.principal_point();
@@ -376,7 +398,7 @@ fn scene_info(bytes: &[u8]) -> Result<String, JsValue> {
         .gravity
         .map(|g| serde_json::json!({ "x": -g.x, "y": -g.y, "z": -g.z }));
     let mut json = serde_json::json!({
-        "variant": read.config.variant().name(),
+        "variant": scene.config.variant().name(),
         "preset": info.preset.map_or("custom", |p| p.name()),
         "extractor": info.extractor.name(),
         "units": match info.units { Units::Metres => "metres", Units::Arbitrary => "scene-units" },

@@ -17,9 +17,8 @@
 //! | 100 | points: pixel, world, confidence, inlier (7 each); lines: ends in pixels, ends in the world, confidence, inlier (12 each); segments: ends (4 each) |
 
 use landline::geometry::CamFromWorld;
-use landline::relocalizer::{
-    CameraSource, LimitedReason, NotLocated, Outcome, Relocalizer, Report, TrackState,
-};
+use landline::relocalizer::{CameraSource, NotLocated, Outcome, Relocalizer};
+use landline::session::{LimitedReason, SessionReport, SessionState};
 
 /// Must equal `layoutVersion` in `web/ts/decode.ts`.
 const LAYOUT_VERSION: f64 = 1.0;
@@ -31,7 +30,13 @@ pub(crate) const LINES: u32 = 2;
 pub(crate) const SEGMENTS: u32 = 4;
 
 /// Writes a report and the lists that were asked for.
-pub(crate) fn encode(relocalizer: &Relocalizer, report: &Report, include: u32, out: &mut Vec<f64>) {
+pub(crate) fn encode(
+    relocalizer: &Relocalizer,
+    answer: &SessionReport,
+    include: u32,
+    out: &mut Vec<f64>,
+) {
+    let report = &answer.frame;
     out.clear();
     out.resize(HEADER, 0.0);
     let mut put = |at: usize, values: &[f64]| {
@@ -46,8 +51,8 @@ pub(crate) fn encode(relocalizer: &Relocalizer, report: &Report, include: u32, o
         Outcome::Located(found) => {
             put(1, &[1.0]);
             let raw = &found.cam_from_world;
-            put(5, &found.smoothed.as_ref().unwrap_or(raw).to_row_major());
-            if found.smoothed.is_some() {
+            put(5, &answer.smoothed.as_ref().unwrap_or(raw).to_row_major());
+            if answer.smoothed.is_some() {
                 put(21, &CamFromWorld::to_row_major(raw));
             }
             put(51, &[found.median_error_px, found.confidence, 1.0]);
@@ -58,7 +63,7 @@ pub(crate) fn encode(relocalizer: &Relocalizer, report: &Report, include: u32, o
             }
         }
     }
-    let (state, limited) = state_codes(report.state);
+    let (state, limited) = state_codes(answer.state);
     put(3, &[state, limited]);
     let (fx, fy) = report.camera.focal_px();
     let center = report.camera.principal_point();
@@ -135,11 +140,11 @@ fn reason_code(reason: NotLocated) -> f64 {
     }
 }
 
-fn state_codes(state: TrackState) -> (f64, f64) {
+fn state_codes(state: SessionState) -> (f64, f64) {
     match state {
-        TrackState::Searching => (0.0, 0.0),
-        TrackState::Tracking => (1.0, 0.0),
-        TrackState::Limited(reason) => (
+        SessionState::Searching => (0.0, 0.0),
+        SessionState::Tracking => (1.0, 0.0),
+        SessionState::Limited(reason) => (
             2.0,
             match reason {
                 LimitedReason::Lost => 0.0,

@@ -105,12 +105,13 @@ pub fn run(args: Args) -> Result<()> {
     });
     let lines = labels.as_ref().map(LineTruth::from_labels);
     let change = |options: &mut RelocalizerOptions| {
-        options.max_points = args.max_points.unwrap_or(options.max_points);
-        options.max_lines = args.max_lines.unwrap_or(options.max_lines);
+        let live = &mut options.live;
+        live.max_points = args.max_points.unwrap_or(live.max_points);
+        live.max_lines = args.max_lines.unwrap_or(live.max_lines);
         options.kernels = args.kernels.level();
     };
     let mut relocalizer = relocalizer(scene.clone(), extractor.clone(), change)?;
-    let runs_on = device::place(&mut relocalizer, args.device, &scene, &extractor, change)?;
+    let runs_on = device::place(&mut relocalizer, args.device, &scene, &extractor)?;
     let bar = Progress::Terminal.bar("locating", tests.len());
     let options = EvalOptions {
         extraction: Some(&extraction),

@@ -67,7 +67,7 @@ pub fn run(args: Args) -> Result<()> {
         .then(|| relocalizer(scene.clone(), extractor.clone(), change))
         .transpose()?;
     let mut relocalizer = relocalizer(scene.clone(), extractor.clone(), change)?;
-    let runs_on = device::place(&mut relocalizer, args.device, &scene, &extractor, change)?;
+    let runs_on = device::place(&mut relocalizer, args.device, &scene, &extractor)?;
     drop((scene, extractor));
     if !args.json {
         println!("networks on {runs_on}");

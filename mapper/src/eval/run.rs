@@ -16,7 +16,7 @@ use landline::pose::{
     self, LineCorrespondence, PointCorrespondence, PoseError as SolverError, PoseOptions,
     PoseScratch,
 };
-use landline::relocalizer::{LocateError, Outcome, Query, Relocalizer, RelocalizerOptions};
+use landline::relocalizer::{LocateError, Outcome, Query, Relocalizer};
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -281,7 +281,9 @@ impl<'a> Evaluator<'a> {
         let marked: Vec<(LineCorrespondence, bool)> = self.relocalizer.lines().collect();
         let lines: Vec<LineCorrespondence> = marked.iter().map(|(l, _)| *l).collect();
         *has_lines |= !lines.is_empty();
-        let options = solver_options(self.relocalizer.options(), frame.width, frame.height);
+        let options = self.relocalizer.options();
+        let (solver, max_side) = (&options.live.pose, options.front_end.max_side);
+        let options = solver_options(solver, max_side, frame.width, frame.height);
         let wants_features = self.options.baseline.is_some() || self.options.lines.is_some();
         let features: Option<ImageFeatures> = match self.options.extraction {
             Some(extraction) if wants_features => Some(extraction.features(image)?),
@@ -372,13 +374,18 @@ impl<'a> Evaluator<'a> {
 }
 
 /// The relocalizer's solver for correspondences in a picture's own pixels: its thresholds are in pixels of the working image.
-pub fn solver_options(options: &RelocalizerOptions, width: u32, height: u32) -> PoseOptions {
+pub fn solver_options(
+    solver: &PoseOptions,
+    max_side: usize,
+    width: u32,
+    height: u32,
+) -> PoseOptions {
     let longest = f64::from(width.max(height));
-    let factor = longest / (options.max_side as f64).min(longest);
+    let factor = longest / (max_side as f64).min(longest);
     PoseOptions {
-        max_point_error_px: options.pose.max_point_error_px * factor,
-        max_line_error_px: options.pose.max_line_error_px * factor,
-        sigma_px: options.pose.sigma_px * factor,
-        ..options.pose
+        max_point_error_px: solver.max_point_error_px * factor,
+        max_line_error_px: solver.max_line_error_px * factor,
+        sigma_px: solver.sigma_px * factor,
+        ..*solver
     }
 }

@@ -4,11 +4,12 @@ use super::buffer::{Buffer, Kind};
 use super::session::{Predicted, Session};
 use crate::eval::{PoseError, solver_options};
 use crate::labels::{LabelledImage, Labels};
+use landline::front_end::FrontEndOptions;
 use landline::geometry::CamFromWorld;
 use landline::math::stats::median_in_place;
 use landline::models::ExtractorKind;
 use landline::pose::{self, LineCorrespondence, PointCorrespondence, PoseScratch};
-use landline::relocalizer::RelocalizerOptions;
+use landline::relocalizer::{LiveOptions, most_confident as most_confident_of};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -103,15 +104,14 @@ pub fn judge(session: &Session, labels: &Labels, held: &Range<usize>) -> Option<
 
 /// The features that the relocalizer would pass to the solver.
 fn most_confident(kind: Kind, p: &Predicted) -> Vec<usize> {
-    let options = RelocalizerOptions::new(ExtractorKind::Xfeat);
+    let options = LiveOptions::default();
     let most = match kind {
         Kind::Points => options.max_points,
         Kind::Segments => options.max_lines,
     };
-    let mut order: Vec<usize> = (0..p.confidence.len()).collect();
-    order.sort_by(|a, b| p.confidence[*b].total_cmp(&p.confidence[*a]).then(a.cmp(b)));
-    order.truncate(most);
-    order
+    let mut order = Vec::new();
+    most_confident_of(p.confidence.iter().copied(), most, &mut order);
+    order.into_iter().map(|(_, row)| row).collect()
 }
 
 fn solve(
@@ -145,8 +145,9 @@ fn solve(
         Kind::Points => (chosen.iter().map(points).collect(), Vec::new()),
         Kind::Segments => (Vec::new(), chosen.iter().map(lines).collect()),
     };
-    let options = RelocalizerOptions::new(ExtractorKind::Xfeat);
-    let solver = solver_options(&options, image.camera.width, image.camera.height);
+    let max_side = FrontEndOptions::new(ExtractorKind::Xfeat).max_side;
+    let (width, height) = (image.camera.width, image.camera.height);
+    let solver = solver_options(&LiveOptions::default().pose, max_side, width, height);
     // A picture that the solver refuses has no pose; training goes on.
     let mut scratch = PoseScratch::new();
     let mut clock = || 0.0;

@@ -28,12 +28,14 @@ fn poses_of_the_sample_are_those_of_the_cpu() {
     let bytes = std::fs::read(folder.join("sample.landline")).expect("the sample is there");
     let scene = SceneFile::from_bytes(&bytes).expect("the sample is whole");
     let camera = scene.info.camera.expect("the sample says its camera");
-    let networks = GpuNetworks::new(gpu.clone(), &scene, &extractor, |_| {}, None);
-    let networks = pollster::block_on(networks).expect("fits");
     let mut on_cpu =
         Relocalizer::new(scene.clone(), extractor.clone(), |_| {}).expect("they belong together");
-    let mut on_gpu = Relocalizer::new(scene, extractor, |_| {}).expect("they belong together");
-    on_gpu.use_gpu(networks);
+    let mut on_gpu =
+        Relocalizer::new(scene.clone(), extractor.clone(), |_| {}).expect("they belong together");
+    let options = on_gpu.options().front_end;
+    let networks = GpuNetworks::new(gpu.clone(), &scene, &extractor, &options, None);
+    let networks = pollster::block_on(networks).expect("fits");
+    on_gpu.use_gpu(networks).expect("made for it");
     for name in PICTURES {
         let rgb = picture::read(&folder.join(name))
             .expect("decodes")

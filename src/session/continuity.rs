@@ -1,10 +1,10 @@
-//! State over the frames of one moving camera.
+//! Whether the poses of one moving camera follow each other.
 
 use crate::geometry::CamFromWorld;
 
 /// What an application should know about the last frames together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum TrackState {
+pub enum SessionState {
     /// No position yet, or none for a while.
     #[default]
     Searching,
@@ -37,24 +37,42 @@ const JUMP_FLOOR_M: f64 = 0.3;
 const JUMP_FLOOR_RAD: f64 = 0.25;
 
 /// Follows one camera.
-#[derive(Debug, Clone, Default)]
-pub struct Track {
+#[derive(Debug, Clone)]
+pub struct Continuity {
+    metre: f64,
     last: Option<(CamFromWorld, f64)>,
     misses: u32,
-    state: TrackState,
+    state: SessionState,
 }
 
-impl Track {
+impl Continuity {
+    /// Follows a camera in a scene in which `metre` world units are taken for a metre.
+    pub fn new(metre: f64) -> Self {
+        Self {
+            metre,
+            last: None,
+            misses: 0,
+            state: SessionState::default(),
+        }
+    }
+
+    /// Forgets where the camera was.
+    pub fn reset(&mut self) {
+        *self = Self::new(self.metre);
+    }
+
     /// The state after the last frame.
-    pub fn state(&self) -> TrackState {
+    pub fn state(&self) -> SessionState {
         self.state
     }
 
     /// A pose that is probably near, when one is fresh enough.
     pub fn prior(&self, timestamp_ms: f64) -> Option<CamFromWorld> {
-        let (pose, at) = self.last?;
+        let (cam_from_world, at) = self.last?;
         let age = timestamp_ms - at;
-        (0.0..=MAX_PRIOR_AGE_MS).contains(&age).then_some(pose)
+        (0.0..=MAX_PRIOR_AGE_MS)
+            .contains(&age)
+            .then_some(cam_from_world)
     }
 
     /// Takes a located frame. `doubt` is a reason to call it limited. True when the pose jumped.
@@ -67,15 +85,15 @@ impl Track {
         let jumped = self.prior(timestamp_ms).is_some_and(|before| {
             let dt = self.last.map_or(0.0, |(_, at)| (timestamp_ms - at) * 1e-3);
             let (distance, angle) = cam_from_world.error_to(&before);
-            distance > JUMP_FLOOR_M + MAX_SPEED_M_PER_S * dt
+            distance > self.metre * (JUMP_FLOOR_M + MAX_SPEED_M_PER_S * dt)
                 || angle > JUMP_FLOOR_RAD + MAX_TURN_RAD_PER_S * dt
         });
         self.last = Some((*cam_from_world, timestamp_ms));
         self.misses = 0;
         self.state = match (jumped, doubt) {
-            (true, _) => TrackState::Limited(LimitedReason::Jump),
-            (false, Some(reason)) => TrackState::Limited(reason),
-            (false, None) => TrackState::Tracking,
+            (true, _) => SessionState::Limited(LimitedReason::Jump),
+            (false, Some(reason)) => SessionState::Limited(reason),
+            (false, None) => SessionState::Tracking,
         };
         jumped
     }
@@ -85,9 +103,9 @@ impl Track {
         self.misses = self.misses.saturating_add(1);
         if self.misses >= MAX_MISSES || self.last.is_none() {
             self.last = None;
-            self.state = TrackState::Searching;
+            self.state = SessionState::Searching;
         } else {
-            self.state = TrackState::Limited(LimitedReason::Lost);
+            self.state = SessionState::Limited(LimitedReason::Lost);
         }
     }
 }
@@ -103,42 +121,52 @@ mod tests {
 
     #[test]
     fn walks_through_the_states() {
-        let mut track = Track::default();
-        assert_eq!(track.state(), TrackState::Searching);
-        track.missed();
-        assert_eq!(track.state(), TrackState::Searching);
-        assert!(!track.located(&at(0.0), 0.0, None));
-        assert_eq!(track.state(), TrackState::Tracking);
-        assert!(!track.located(&at(0.2), 33.0, Some(LimitedReason::FocalUncertain)));
+        let mut camera = Continuity::new(1.0);
+        assert_eq!(camera.state(), SessionState::Searching);
+        camera.missed();
+        assert_eq!(camera.state(), SessionState::Searching);
+        assert!(!camera.located(&at(0.0), 0.0, None));
+        assert_eq!(camera.state(), SessionState::Tracking);
+        assert!(!camera.located(&at(0.2), 33.0, Some(LimitedReason::FocalUncertain)));
         assert_eq!(
-            track.state(),
-            TrackState::Limited(LimitedReason::FocalUncertain)
+            camera.state(),
+            SessionState::Limited(LimitedReason::FocalUncertain)
         );
         for _ in 0..MAX_MISSES - 1 {
-            track.missed();
-            assert_eq!(track.state(), TrackState::Limited(LimitedReason::Lost));
+            camera.missed();
+            assert_eq!(camera.state(), SessionState::Limited(LimitedReason::Lost));
         }
-        track.missed();
-        assert_eq!(track.state(), TrackState::Searching);
-        assert!(track.prior(40.0).is_none());
+        camera.missed();
+        assert_eq!(camera.state(), SessionState::Searching);
+        assert!(camera.prior(40.0).is_none());
     }
 
     #[test]
     fn a_jump_has_to_be_confirmed() {
-        let mut track = Track::default();
-        track.located(&at(0.0), 0.0, None);
-        assert!(track.located(&at(3.0), 33.0, None));
-        assert_eq!(track.state(), TrackState::Limited(LimitedReason::Jump));
-        assert!(!track.located(&at(3.1), 66.0, None));
-        assert_eq!(track.state(), TrackState::Tracking);
+        let mut camera = Continuity::new(1.0);
+        camera.located(&at(0.0), 0.0, None);
+        assert!(camera.located(&at(3.0), 33.0, None));
+        assert_eq!(camera.state(), SessionState::Limited(LimitedReason::Jump));
+        assert!(!camera.located(&at(3.1), 66.0, None));
+        assert_eq!(camera.state(), SessionState::Tracking);
+    }
+
+    #[test]
+    fn what_is_a_jump_follows_the_scenes_scale() {
+        let mut small = Continuity::new(0.01);
+        small.located(&at(0.0), 0.0, None);
+        assert!(small.located(&at(0.03), 33.0, None));
+        let mut large = Continuity::new(100.0);
+        large.located(&at(0.0), 0.0, None);
+        assert!(!large.located(&at(20.0), 33.0, None));
     }
 
     #[test]
     fn an_old_pose_is_no_prior() {
-        let mut track = Track::default();
-        track.located(&at(0.0), 0.0, None);
-        assert!(track.prior(1000.0).is_some());
-        assert!(track.prior(2500.0).is_none());
-        assert!(track.prior(-1.0).is_none());
+        let mut camera = Continuity::new(1.0);
+        camera.located(&at(0.0), 0.0, None);
+        assert!(camera.prior(1000.0).is_some());
+        assert!(camera.prior(2500.0).is_none());
+        assert!(camera.prior(-1.0).is_none());
     }
 }

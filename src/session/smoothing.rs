@@ -1,7 +1,7 @@
 //! Smooths the poses of a moving camera for display.
 //!
 //! * **In and out**: poses with their times; a pose that moves less nervously.
-//! * **Spaces and units**: position of the camera in the world (metres when metric) and its rotation (radians); never
+//! * **Spaces and units**: position of the camera in the world and its rotation (radians); never
 //!   matrix entries, which would leave the rotations.
 //! * **Method**: the One Euro filter (Casiez, Roussel and Vogel, CHI 2012): an exponential average whose cut-off frequency
 //!   grows with speed, so that a still camera does not tremble and a moving one does not lag. One speed for all axes of a
@@ -26,7 +26,7 @@ pub enum Smoothing {
 }
 
 impl Smoothing {
-    /// Cut-off frequency at rest in Hz, and its growth with speed (per m/s and per rad/s). Chosen by eye on walked videos.
+    /// Cut-off frequency at rest in Hz, and its growth with speed (per metre/s and per rad/s). Chosen by eye on walked videos.
     fn parameters(self) -> Option<(f64, f64, f64)> {
         match self {
             Self::Off => None,
@@ -43,8 +43,9 @@ const SPEED_CUTOFF_HZ: f64 = 1.0;
 const MAX_GAP_MS: f64 = 1000.0;
 
 /// State of the filter.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct PoseFilter {
+    metre: f64,
     last: Option<Filtered>,
 }
 
@@ -58,6 +59,11 @@ struct Filtered {
 }
 
 impl PoseFilter {
+    /// A filter for a scene in which `metre` world units are taken for a metre.
+    pub fn new(metre: f64) -> Self {
+        Self { metre, last: None }
+    }
+
     /// Forgets everything.
     pub fn reset(&mut self) {
         self.last = None;
@@ -89,7 +95,7 @@ impl PoseFilter {
                 let velocity = last.velocity.lerp(&((center - last.center) / dt), keep);
                 let turn = (last.rotation.inverse() * rotation).scaled_axis();
                 let angular_velocity = last.angular_velocity.lerp(&(turn / dt), keep);
-                let a = weight(cutoff + per_speed * velocity.norm(), dt);
+                let a = weight(cutoff + per_speed * velocity.norm() / self.metre, dt);
                 let b = weight(cutoff + per_turn * angular_velocity.norm(), dt);
                 Filtered {
                     center: last.center.lerp(&center, a),
@@ -131,7 +137,7 @@ mod tests {
 
     #[test]
     fn a_trembling_still_camera_becomes_calm() {
-        let mut filter = PoseFilter::default();
+        let mut filter = PoseFilter::new(1.0);
         let mut largest: f64 = 0.0;
         for i in 0..60 {
             let noise = if i % 2 == 0 { 0.01 } else { -0.01 };
@@ -147,7 +153,7 @@ mod tests {
 
     #[test]
     fn a_walking_camera_is_followed_closely() {
-        let mut filter = PoseFilter::default();
+        let mut filter = PoseFilter::new(1.0);
         let mut lag: f64 = 0.0;
         for i in 0..90 {
             let x = f64::from(i) * 0.033;
@@ -167,7 +173,7 @@ mod tests {
 
     #[test]
     fn a_gap_starts_anew_and_off_gives_nothing() {
-        let mut filter = PoseFilter::default();
+        let mut filter = PoseFilter::new(1.0);
         assert!(filter.apply(Smoothing::Off, &pose(1.0, 0.0), 0.0).is_none());
         filter.apply(Smoothing::Steady, &pose(0.0, 0.0), 0.0);
         let far = filter.apply(Smoothing::Steady, &pose(5.0, 1.0), 5000.0);

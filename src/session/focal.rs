@@ -3,6 +3,8 @@
 //! Each located frame with a free focal length is one measurement of ln f with a standard deviation. They are combined by
 //! the median, because a wrong position gives a wildly wrong focal length, and an average would carry it along for ever.
 
+use crate::math::stats::median_in_place;
+use crate::relocalizer::FocalBelief;
 use std::collections::{BTreeMap, VecDeque};
 
 /// Measurements kept per camera.
@@ -11,30 +13,12 @@ const CAPACITY: usize = 64;
 const MIN_COUNT: usize = 5;
 /// A single frame with a relative deviation above this says too little.
 const MAX_SIGMA_LN: f64 = 0.10;
-/// Below this the remembered value is as good as given. 1.7 % costs 5 cm at 3 m.
-const FROZEN_SIGMA_LN: f64 = 0.01;
 /// A value from an earlier session is believed no better than this: a good start that a few frames can correct.
 const RECALLED_SIGMA_LN: f64 = 0.02;
 /// Focal length divided by width, from a view of 150 degrees to one of 3.
 const PLAUSIBLE: core::ops::RangeInclusive<f64> = 0.13..=20.0;
 /// Cameras that are remembered; the least recently named is dropped.
 const MAX_CAMERAS: usize = 16;
-
-/// What is believed about one camera.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FocalBelief {
-    /// Focal length divided by the picture's width.
-    pub focal_per_width: f64,
-    /// Standard deviation of its logarithm.
-    pub sigma_ln: f64,
-}
-
-impl FocalBelief {
-    /// True when it need not be estimated any more.
-    pub fn is_frozen(&self) -> bool {
-        self.sigma_ln <= FROZEN_SIGMA_LN
-    }
-}
 
 /// Beliefs by the name of the camera.
 #[derive(Debug, Clone, Default)]
@@ -70,11 +54,13 @@ impl FocalMemory {
                 sigma_ln: RECALLED_SIGMA_LN,
             });
         }
-        let mut sorted: Vec<f64> = measured.iter().copied().collect();
-        let middle = median(&mut sorted);
-        let mut deviations: Vec<f64> = measured.iter().map(|v| (v - middle).abs()).collect();
+        let mut room = [0.0; CAPACITY];
+        let values = room.get_mut(..measured.len())?;
+        values.iter_mut().zip(measured).for_each(|(v, m)| *v = *m);
+        let middle = median_in_place(values)?;
+        values.iter_mut().for_each(|v| *v = (*v - middle).abs());
         // 1.4826 turns the median deviation into a standard deviation, 1.2533 is the median's loss against the mean.
-        let spread = 1.4826 * median(&mut deviations);
+        let spread = 1.4826 * median_in_place(values)?;
         let n = measured.len() as f64;
         let sigma_ln = (1.2533 * spread / libm::sqrt(n)).max(1e-3);
         Some(FocalBelief {
@@ -119,15 +105,6 @@ impl FocalMemory {
         known.used = self.uses;
         known
     }
-}
-
-/// Median of a list that is not empty; the list is reordered.
-fn median(values: &mut [f64]) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let n = values.len();
-    let upper = values.get(n / 2).copied().unwrap_or(0.0);
-    let lower = values.get((n.max(1) - 1) / 2).copied().unwrap_or(0.0);
-    0.5 * (lower + upper)
 }
 
 #[cfg(test)]

@@ -1,0 +1,28 @@
+//! Which answers of the solver are believed.
+
+use super::result::{Counts, NotLocated};
+use crate::pose::{PoseEstimate, PoseOutcome};
+
+/// Fewer features than this are not worth a look.
+const MIN_FEATURES: usize = 8;
+/// Fewer things that agree are not believed, whatever the evidence says: repeated predictions (a network that was taught
+/// another place) are not independent of each other, and the solver's evidence takes them to be.
+const MIN_INLIERS: u32 = 12;
+/// And no fewer than one in so many of what the solver was given: the scene of another room finds chance poses with up to
+/// 30 of 900, while in its own room a third of them agree.
+const MIN_INLIER_SHARE: u32 = 12;
+
+/// The pose, or why it is none.
+pub(super) fn accept(solved: &PoseOutcome, counts: &Counts) -> Result<PoseEstimate, NotLocated> {
+    let given = counts.num_point_correspondences + counts.num_line_correspondences;
+    let needed = MIN_INLIERS.max(given as u32 / MIN_INLIER_SHARE);
+    if let Some(estimate) = solved.located()
+        && estimate.num_point_inliers + estimate.num_line_inliers >= needed
+    {
+        return Ok(*estimate);
+    }
+    if counts.num_keypoints + counts.num_segments < MIN_FEATURES {
+        return Err(NotLocated::FewFeatures);
+    }
+    Err(NotLocated::from_status(solved.status).unwrap_or(NotLocated::FewInliers))
+}

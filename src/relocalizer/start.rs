@@ -1,0 +1,85 @@
+//! Intrinsics before and after the pose.
+
+use super::error::LocateError;
+use super::options::{CameraSource, Query};
+use crate::geometry::Camera;
+use crate::pose::{Focal, PoseEstimate};
+
+/// Focal length divided by the longer side where nothing is known: the middle of phones' video cameras.
+const ASSUMED_FOCAL: f64 = 0.85;
+
+/// A camera in pixels of the frame, where it comes from, and how free its focal length is.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Start {
+    pub(super) camera: Camera,
+    pub(super) source: CameraSource,
+    pub(super) focal: Focal,
+}
+
+impl Start {
+    /// What the solver starts from in a frame of this size.
+    pub(super) fn new((width, height): (u32, u32), query: &Query) -> Result<Self, LocateError> {
+        if let Some(camera) = query.camera {
+            camera.validate()?;
+            if (camera.width, camera.height) != (width, height) {
+                return Err(LocateError::CameraSize {
+                    camera_width: camera.width,
+                    camera_height: camera.height,
+                    width,
+                    height,
+                });
+            }
+            return Ok(Self {
+                camera,
+                source: query.camera_source,
+                focal: match query.camera_source.sigma_ln() {
+                    None => Focal::Known,
+                    Some(sigma_ln) => Focal::Refine { sigma_ln },
+                },
+            });
+        }
+        if let Some(belief) = query.focal {
+            let focal_px = belief.focal_per_width * f64::from(width);
+            return Ok(Self {
+                camera: Camera::centered(width, height, focal_px),
+                source: CameraSource::Remembered,
+                focal: if belief.is_frozen() {
+                    Focal::Known
+                } else {
+                    Focal::Refine {
+                        sigma_ln: belief.sigma_ln,
+                    }
+                },
+            });
+        }
+        let focal_px = ASSUMED_FOCAL * f64::from(width.max(height));
+        Ok(Self {
+            camera: Camera::centered(width, height, focal_px),
+            source: CameraSource::Assumed,
+            focal: Focal::Unknown,
+        })
+    }
+
+    /// The camera with the focal length as solved, and that one's relative standard deviation, `None` where it was given.
+    /// `in_working` is the camera that the solver was handed.
+    pub(super) fn solved(
+        &self,
+        in_working: &Camera,
+        estimate: &PoseEstimate,
+    ) -> (Camera, CameraSource, Option<f64>) {
+        if self.focal == Focal::Known {
+            return (self.camera, self.source, None);
+        }
+        let factor = estimate.camera.focal_px().0 / in_working.focal_px().0;
+        let source = match self.source {
+            CameraSource::Assumed => CameraSource::Estimated,
+            other => other,
+        };
+        let sigma_ln = estimate.sigma_focal_px / estimate.camera.focal_px().0;
+        (
+            self.camera.with_focal_scaled(factor),
+            source,
+            Some(sigma_ln),
+        )
+    }
+}

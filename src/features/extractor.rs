@@ -3,7 +3,7 @@
 use super::{FeatureSet, Keypoint, KeypointParams, SelectScratch, select_keypoints};
 use crate::geometry::{Pixel, Segment2};
 use crate::image::GrayView;
-use crate::models::{ExtractorKind, ModelError, Sampler, ports};
+use crate::models::{ExtractorKind, ModelError, Sampler, SelectionRule, ports};
 use crate::nn::cpu::{CpuExecutor, Level};
 use crate::nn::{Executor, NnError, Weights};
 
@@ -82,6 +82,16 @@ impl ExtractorOptions {
             tokens: 12,
             sampler: kind.default_sampler(),
         }
+    }
+
+    /// Samples along the segments of a full picture.
+    pub(super) fn token_capacity(&self) -> usize {
+        self.max_segments * self.tokens
+    }
+
+    /// Samples of a full picture: its keypoints and those along its segments.
+    fn sample_capacity(&self) -> usize {
+        (self.keypoints.max_keypoints + self.token_capacity()).max(1)
     }
 }
 
@@ -216,14 +226,17 @@ impl Extractor {
     /// [`FeatureError::NoPicture`].
     pub fn select(&mut self, out: &mut Vec<Keypoint>) -> Result<(), FeatureError> {
         let networks = self.networks.as_ref().ok_or(FeatureError::NoPicture)?;
-        let heat = networks.dense.output(ports::HEAT)?;
-        let reliability = match self.kind {
-            ExtractorKind::Xfeat => Some(networks.dense.output(ports::RELIABILITY)?),
-            ExtractorKind::SuperPointV1 | ExtractorKind::SuperPointOpen => None,
+        let selection = self.kind.selection();
+        let heat = networks.dense.output(selection.heat)?;
+        let reliability = match selection.rule {
+            SelectionRule::Reliable { reliability, .. } => {
+                Some(networks.dense.output(reliability)?)
+            }
+            SelectionRule::ThreePass => None,
         };
         let (width, height) = networks.picture;
         select_keypoints(
-            self.kind,
+            &selection,
             heat,
             reliability,
             self.kind.inner_size(width, height),
@@ -273,25 +286,9 @@ impl Extractor {
         Ok(())
     }
 
-    /// Descriptors of the last picture at any pixels, one unit row each.
-    ///
-    /// # Errors
-    /// [`FeatureError::NoPicture`].
-    pub fn describe_pixels(
-        &mut self,
-        pixels: &[Pixel],
-        out: &mut Vec<f32>,
-    ) -> Result<(), FeatureError> {
-        let positions: Vec<f32> = pixels
-            .iter()
-            .flat_map(|p| [p.x as f32, p.y as f32])
-            .collect();
-        self.sample(&positions, out)
-    }
-
     /// Reads the map at positions (x, y interleaved), in as many runs as the sampler's capacity needs.
     fn sample(&mut self, positions: &[f32], out: &mut Vec<f32>) -> Result<(), FeatureError> {
-        let capacity = sample_capacity(&self.options);
+        let capacity = self.options.sample_capacity();
         let networks = self.networks.as_mut().ok_or(FeatureError::NoPicture)?;
         out.clear();
         for part in positions.chunks(2 * capacity) {
@@ -314,7 +311,7 @@ impl Extractor {
             width,
             height,
             self.options.sampler,
-            sample_capacity(&self.options),
+            self.options.sample_capacity(),
         )?;
         Ok(Networks {
             picture,
@@ -322,11 +319,6 @@ impl Extractor {
             sampler: CpuExecutor::with_level(sampler, Weights::new(), self.level)?,
         })
     }
-}
-
-/// Samples of a full picture.
-fn sample_capacity(options: &ExtractorOptions) -> usize {
-    (options.keypoints.max_keypoints + options.max_segments * options.tokens).max(1)
 }
 
 fn check_picture(kind: ExtractorKind, gray: &GrayView<'_>) -> Result<(), FeatureError> {

@@ -1,7 +1,7 @@
 //! Extractor and samplers as parts of a frame on the GPU: the same networks and the same selection as on the CPU.
 
 use super::{ExtractorOptions, FeatureError};
-use crate::models::{ExtractorKind, ports};
+use crate::models::{ExtractorKind, SelectionRule, ports};
 use crate::nn::{
     Weights,
     gpu::{FrameParts, FramePorts, GpuPart, GpuSelect, PictureParts, WeightStorage},
@@ -63,35 +63,33 @@ pub fn picture_parts(
     };
     let keypoints = &options.keypoints;
     let capacity = keypoints.max_keypoints.max(1);
-    let (inner_width, inner_height) = kind.inner_size(width, height);
-    let (reliability, scale) = match kind {
-        ExtractorKind::Xfeat => {
-            let axis = |inner: usize| crate::models::Sampler::Xfeat.axis(inner, inner);
-            let scale = [
-                width as f32 / inner_width as f32,
-                height as f32 / inner_height as f32,
-            ];
-            (
-                Some((ports::RELIABILITY, axis(inner_width), axis(inner_height))),
-                scale,
-            )
+    let inner = kind.inner_size(width, height);
+    let selection = kind.selection();
+    let reliability = match selection.rule {
+        SelectionRule::Reliable {
+            reliability,
+            sampler,
+        } => {
+            let axis = |inner: usize| sampler.axis(inner, inner);
+            Some((reliability, axis(inner.0), axis(inner.1)))
         }
-        ExtractorKind::SuperPointV1 | ExtractorKind::SuperPointOpen => (None, [1.0, 1.0]),
+        SelectionRule::ThreePass => None,
     };
-    let line_samples = options.max_segments * options.tokens;
+    let (scale_x, scale_y) = selection.picture_per_map((width, height), inner);
+    let line_samples = options.token_capacity();
     Ok(PictureParts {
         extractor: GpuPart {
             graph: kind.graph(width, height, false)?,
             weights: weights.clone(),
         },
         select: GpuSelect {
-            heat: ports::HEAT,
+            heat: selection.heat,
             reliability,
             radius: keypoints.nms_radius,
             min_heat: keypoints.min_heat,
             border: keypoints.border,
             capacity,
-            scale,
+            scale: [scale_x as f32, scale_y as f32],
         },
         point_sampler: sampler(capacity)?,
         line_sampler: if line_samples > 0 {

@@ -2,7 +2,7 @@
 
 use super::Keypoint;
 use crate::geometry::Pixel;
-use crate::models::{CELL, ExtractorKind, Sampler};
+use crate::models::{CELL, ExtractorKind, Selection, SelectionRule};
 
 /// How keypoints are chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,19 +20,12 @@ pub struct KeypointParams {
 impl KeypointParams {
     /// The settings that the extractor was published with; for SuperPoint those of the paper's experiments.
     pub fn published(kind: ExtractorKind) -> Self {
-        match kind {
-            ExtractorKind::Xfeat => Self {
-                nms_radius: 2,
-                min_heat: 0.05,
-                border: 0,
-                max_keypoints: 1024,
-            },
-            ExtractorKind::SuperPointV1 | ExtractorKind::SuperPointOpen => Self {
-                nms_radius: 3,
-                min_heat: 0.005,
-                border: 4,
-                max_keypoints: 2048,
-            },
+        let published = kind.selection();
+        Self {
+            nms_radius: published.nms_radius,
+            min_heat: published.min_heat,
+            border: published.border,
+            max_keypoints: published.max_keypoints,
         }
     }
 }
@@ -56,12 +49,9 @@ struct Candidate {
     score: f32,
 }
 
-/// Chooses keypoints. `heat_hw` is the keypoint map of `inner` (width, height) pixels; `reliability_hw` has a value for each
-/// cell (XFeat only). Positions come out in pixels of the picture of size `picture` that the extractor was given.
-///
-/// XFeat: local maxima (ties stay) above the threshold, scored by heat times bilinear reliability. The reference reads the
-/// heat at the nearest pixel with half-pixel centres, which falls outside for the last column and row, so those never
-/// become keypoints. SuperPoint: the released three-pass suppression, scored by heat.
+/// Chooses keypoints by the extractor's rule. `heat_hw` is the keypoint map of `inner` (width, height) pixels;
+/// `reliability_hw` has a value for each cell, where the rule asks for one. Positions come out in pixels of the picture of size
+/// `picture` that the extractor was given.
 ///
 /// # Panics
 /// If a map does not have the size given.
@@ -70,7 +60,7 @@ struct Candidate {
     reason = "maps and sizes of one network run"
 )]
 pub fn select_keypoints(
-    kind: ExtractorKind,
+    selection: &Selection,
     heat_hw: &[f32],
     reliability_hw: Option<&[f32]>,
     inner: (usize, usize),
@@ -87,8 +77,8 @@ pub fn select_keypoints(
     );
     let mut candidates = std::mem::take(&mut scratch.candidates);
     candidates.clear();
-    match kind {
-        ExtractorKind::Xfeat => {
+    match selection.rule {
+        SelectionRule::Reliable { sampler, .. } => {
             let cells = (width / CELL, height / CELL);
             if let Some(reliability) = reliability_hw {
                 assert_eq!(
@@ -98,10 +88,7 @@ pub fn select_keypoints(
                 );
             }
             local_maxima(heat_hw, width, height, params, &mut candidates);
-            let (to_x, to_y) = (
-                Sampler::Xfeat.axis(width, width),
-                Sampler::Xfeat.axis(height, height),
-            );
+            let (to_x, to_y) = (sampler.axis(width, width), sampler.axis(height, height));
             candidates.retain_mut(|c| {
                 if c.x + 1 == width || c.y + 1 == height {
                     return false;
@@ -114,7 +101,7 @@ pub fn select_keypoints(
                 c.score > 0.0
             });
         }
-        ExtractorKind::SuperPointV1 | ExtractorKind::SuperPointOpen => {
+        SelectionRule::ThreePass => {
             three_pass_maxima(heat_hw, width, height, params.nms_radius, scratch);
             let b = params.border;
             for y in b..height.saturating_sub(b) {
@@ -145,14 +132,7 @@ pub fn select_keypoints(
     }
     candidates.sort_unstable_by_key(|c| (c.y, c.x));
 
-    // XFeat resizes the picture, SuperPoint leaves out an incomplete cell at the right and bottom.
-    let (sx, sy) = match kind {
-        ExtractorKind::Xfeat => (
-            picture.0 as f64 / width as f64,
-            picture.1 as f64 / height as f64,
-        ),
-        ExtractorKind::SuperPointV1 | ExtractorKind::SuperPointOpen => (1.0, 1.0),
-    };
+    let (sx, sy) = selection.picture_per_map(picture, inner);
     out.clear();
     out.extend(candidates.iter().map(|c| Keypoint {
         pixel: Pixel::new((c.x as f64 + 0.5) * sx, (c.y as f64 + 0.5) * sy),
@@ -300,7 +280,7 @@ mod tests {
         };
         let mut out = Vec::new();
         select_keypoints(
-            kind,
+            &kind.selection(),
             heat,
             None,
             (side, side),

@@ -50,7 +50,80 @@ impl Sampler {
     }
 }
 
+/// How keypoints are read from an extractor's maps, as its reference does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Selection {
+    /// Output with the keypoint map.
+    pub heat: &'static str,
+    /// What else multiplies the scores, and how neighbours are suppressed.
+    pub rule: SelectionRule,
+    /// Published half side of the suppression window, without its centre, pixels of the keypoint map.
+    pub nms_radius: usize,
+    /// Published value of the keypoint map that a keypoint is above.
+    pub min_heat: f32,
+    /// Published width of the border without keypoints, pixels of the keypoint map.
+    pub border: usize,
+    /// Published most keypoints.
+    pub max_keypoints: usize,
+    /// True when the picture is resized to the keypoint map, false when what does not fill a cell is left out.
+    pub resizes: bool,
+}
+
+/// Which local maxima are keypoints, and with what score.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SelectionRule {
+    /// Window maxima, ties stay, scored by heat times this output with a value for each cell, read bilinearly with this
+    /// sampler. The reference reads the heat at the nearest pixel with half-pixel centres, which falls outside for the last
+    /// column and row, so those never become keypoints.
+    Reliable {
+        /// Output with the reliability of each cell.
+        reliability: &'static str,
+        /// Where a pixel of the keypoint map reads it.
+        sampler: Sampler,
+    },
+    /// The released three-pass suppression of SuperPoint, scored by heat.
+    ThreePass,
+}
+
+impl Selection {
+    /// Pixels of the picture for a pixel of the keypoint map of size `inner`, horizontally and vertically.
+    pub fn picture_per_map(&self, picture: (usize, usize), inner: (usize, usize)) -> (f64, f64) {
+        if !self.resizes {
+            return (1.0, 1.0);
+        }
+        let ratio = |whole: usize, map: usize| whole as f64 / map as f64;
+        (ratio(picture.0, inner.0), ratio(picture.1, inner.1))
+    }
+}
+
 impl ExtractorKind {
+    /// How keypoints are read from the maps; for SuperPoint with the settings of the paper's experiments.
+    pub fn selection(self) -> Selection {
+        match self {
+            Self::Xfeat => Selection {
+                heat: ports::HEAT,
+                rule: SelectionRule::Reliable {
+                    reliability: ports::RELIABILITY,
+                    sampler: Sampler::Xfeat,
+                },
+                nms_radius: 2,
+                min_heat: 0.05,
+                border: 0,
+                max_keypoints: 1024,
+                resizes: true,
+            },
+            Self::SuperPointV1 | Self::SuperPointOpen => Selection {
+                heat: ports::HEAT,
+                rule: SelectionRule::ThreePass,
+                nms_radius: 3,
+                min_heat: 0.005,
+                border: 4,
+                max_keypoints: 2048,
+                resizes: false,
+            },
+        }
+    }
+
     /// All extractors.
     pub const ALL: [Self; 3] = [Self::Xfeat, Self::SuperPointV1, Self::SuperPointOpen];
 

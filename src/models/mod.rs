@@ -28,7 +28,7 @@ pub use config::{
     LineBranchConfig, PointBranchConfig, Preset, RegressorConfig, TensorSpec, Variant,
 };
 pub use error::ModelError;
-pub use extractor::{CELL, ExtractorKind, Sampler};
+pub use extractor::{CELL, ExtractorKind, Sampler, Selection, SelectionRule};
 pub use proposed::{AttentionLineConfig, AttentionPointConfig};
 pub use v1::V1Config;
 

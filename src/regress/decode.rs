@@ -1,7 +1,8 @@
 //! Network outputs to scene points and segments. Independent of what ran the network.
 
+use super::regressor::RegressError;
 use crate::geometry::{ScenePoint, SceneScale, SceneSegment};
-use crate::models::V1Config;
+use crate::models::{RegressorConfig, V1Config, ports};
 use nalgebra::Vector3;
 
 /// What a scene's network says about a picture.
@@ -47,9 +48,41 @@ fn kept(rows: Option<&[f32]>, num: usize) -> impl Iterator<Item = (usize, usize)
         .filter(move |(_, row)| *row < num)
 }
 
+/// Adds what a network says to the predictions, whatever ran it. `network` is its place in
+/// [`network_parts`](super::network_parts); `output` finds its outputs by name.
+///
+/// # Errors
+/// [`RegressError::Output`] when the network lacks an output of its configuration.
+pub fn decode<'a>(
+    config: &RegressorConfig,
+    network: usize,
+    scale: &SceneScale,
+    output: impl Fn(&str) -> Option<&'a [f32]>,
+    out: &mut Predictions,
+) -> Result<(), RegressError> {
+    let needed = |name: &'static str| output(name).ok_or(RegressError::Output { network, name });
+    // Only networks that choose have rows.
+    let rows = output(ports::ROWS);
+    match (config, network) {
+        (RegressorConfig::Branches { .. }, 0) => {
+            let (logits, coordinates) = (needed(ports::LOGITS)?, needed(ports::COORDINATES)?);
+            decode_points(scale, logits, coordinates, rows, out);
+        }
+        (RegressorConfig::Branches { .. }, _) => {
+            let (logits, coordinates) = (needed(ports::LOGITS)?, needed(ports::COORDINATES)?);
+            decode_lines(scale, logits, coordinates, rows, out);
+        }
+        (RegressorConfig::V1(v1), _) => {
+            let (points, lines) = (needed(ports::POINTS_3D)?, needed(ports::LINES_3D)?);
+            decode_v1(v1, scale, points, lines, out);
+        }
+    }
+    Ok(())
+}
+
 /// Scene points from logits of all keypoints, coordinates of the kept ones, and their rows (`None`: all were kept). A point
 /// that is not finite is dropped.
-pub fn decode_points(
+fn decode_points(
     scale: &SceneScale,
     logits: &[f32],
     coordinates: &[f32],
@@ -74,7 +107,7 @@ pub fn decode_points(
 }
 
 /// Scene segments; as [`decode_points`], with six coordinates each.
-pub fn decode_lines(
+fn decode_lines(
     scale: &SceneScale,
     logits: &[f32],
     coordinates: &[f32],
@@ -103,7 +136,7 @@ pub fn decode_lines(
 
 /// Scene points and segments of `v1`: rows of three coordinates and a number `x`, and of six and a number. Kept where
 /// `1 / (1 + 100 |x|)` reaches the threshold.
-pub fn decode_v1(
+fn decode_v1(
     config: &V1Config,
     scale: &SceneScale,
     points_4: &[f32],

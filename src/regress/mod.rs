@@ -12,5 +12,5 @@
 mod decode;
 mod regressor;
 
-pub use decode::{Predictions, decode_lines, decode_points, decode_v1};
+pub use decode::{Predictions, decode};
 pub use regressor::{RegressError, Regressor, network_parts};

@@ -1,9 +1,9 @@
 //! The scene's networks on the CPU.
 
-use super::decode::{Predictions, decode_lines, decode_points, decode_v1};
+use super::decode::{Predictions, decode};
 use crate::features::FeatureSet;
 use crate::geometry::SceneScale;
-use crate::models::{ModelError, RegressorConfig, V1Config, ports};
+use crate::models::{ModelError, RegressorConfig, ports};
 use crate::nn::cpu::{CpuExecutor, Level};
 use crate::nn::{Executor, Graph, NnError, Weights};
 
@@ -35,6 +35,14 @@ pub enum RegressError {
         /// Numbers needed.
         needed: usize,
     },
+    /// A network does not have an output that its configuration promises.
+    #[error("network {network} has no output `{name}`")]
+    Output {
+        /// Its place in [`network_parts`].
+        network: usize,
+        /// Name of the output.
+        name: &'static str,
+    },
     /// The weights do not fit or a size is out of range.
     #[error(transparent)]
     Model(#[from] ModelError),
@@ -43,22 +51,12 @@ pub enum RegressError {
     Nn(#[from] NnError),
 }
 
-#[derive(Debug)]
-enum Networks {
-    Branches {
-        point: CpuExecutor,
-        line: Option<Box<CpuExecutor>>,
-    },
-    V1 {
-        config: V1Config,
-        joint: CpuExecutor,
-    },
-}
-
 /// A scene's regressor, ready to run.
 #[derive(Debug)]
 pub struct Regressor {
-    networks: Networks,
+    config: RegressorConfig,
+    /// As [`network_parts`] orders them.
+    networks: Vec<CpuExecutor>,
     scale: SceneScale,
     channels: usize,
     tokens: Option<usize>,
@@ -122,25 +120,12 @@ impl Regressor {
         max_segments: usize,
         level: Level,
     ) -> Result<Self, RegressError> {
-        let mut parts = network_parts(config, weights, max_keypoints, max_segments)?.into_iter();
-        let mut next = || {
-            let part = parts.next();
-            part.map(|(graph, weights)| CpuExecutor::with_level(graph, weights, level))
-                .transpose()
-        };
-        let missing = || ModelError::Mismatch("the configuration has no network".to_owned());
-        let first = next()?.ok_or_else(missing)?;
-        let networks = match config {
-            RegressorConfig::Branches { .. } => Networks::Branches {
-                point: first,
-                line: next()?.map(Box::new),
-            },
-            RegressorConfig::V1(v1) => Networks::V1 {
-                config: v1.clone(),
-                joint: first,
-            },
-        };
+        let networks = network_parts(config, weights, max_keypoints, max_segments)?
+            .into_iter()
+            .map(|(graph, weights)| CpuExecutor::with_level(graph, weights, level))
+            .collect::<Result<_, _>>()?;
         Ok(Self {
+            config: config.clone(),
             networks,
             scale,
             channels: config.descriptor_channels(),
@@ -165,61 +150,33 @@ impl Regressor {
     ) -> Result<(), RegressError> {
         self.check(features)?;
         out.clear();
-        match &mut self.networks {
-            Networks::Branches { point, line } => {
-                let num = features.keypoints.len();
-                if num > 0 {
-                    point.set_count(ports::POINTS, num)?;
-                    point
-                        .input(ports::DESCRIPTORS)?
-                        .copy_from_slice(&features.descriptors_nd);
-                    point.run()?;
-                    let rows = optional(point, ports::ROWS)?;
-                    decode_points(
-                        &self.scale,
-                        point.output(ports::LOGITS)?,
-                        point.output(ports::COORDINATES)?,
-                        rows,
-                        out,
-                    );
-                }
-                let num = features.segments.len();
-                if let (Some(line), true) = (line, num > 0) {
-                    line.set_count(ports::SEGMENTS, num)?;
-                    line.input(ports::TOKENS)?
-                        .copy_from_slice(&features.segment_descriptors_nsd);
-                    line.run()?;
-                    let rows = optional(line, ports::ROWS)?;
-                    decode_lines(
-                        &self.scale,
-                        line.output(ports::LOGITS)?,
-                        line.output(ports::COORDINATES)?,
-                        rows,
-                        out,
-                    );
-                }
+        let (points, segments) = (features.keypoints.len(), features.segments.len());
+        for (index, network) in self.networks.iter_mut().enumerate() {
+            let has = |network: &CpuExecutor, name: &str| {
+                network
+                    .graph()
+                    .inputs()
+                    .iter()
+                    .any(|port| port.name == name)
+            };
+            let takes_points = has(network, ports::DESCRIPTORS);
+            let takes_segments = has(network, ports::TOKENS);
+            if !(takes_points && points > 0 || takes_segments && segments > 0) {
+                continue;
             }
-            Networks::V1 { config, joint } => {
-                if features.keypoints.is_empty() && features.segments.is_empty() {
-                    return Ok(());
-                }
-                joint.set_count(ports::POINTS, features.keypoints.len())?;
-                joint.set_count(ports::SEGMENTS, features.segments.len())?;
-                joint
-                    .input(ports::DESCRIPTORS)?
-                    .copy_from_slice(&features.descriptors_nd);
-                joint
-                    .input(ports::TOKENS)?
-                    .copy_from_slice(&features.segment_descriptors_nsd);
-                joint.run()?;
-                decode_v1(
-                    config,
-                    &self.scale,
-                    joint.output(ports::POINTS_3D)?,
-                    joint.output(ports::LINES_3D)?,
-                    out,
-                );
+            if takes_points {
+                network.set_count(ports::POINTS, points)?;
+                let input = network.input(ports::DESCRIPTORS)?;
+                input.copy_from_slice(&features.descriptors_nd);
             }
+            if takes_segments {
+                network.set_count(ports::SEGMENTS, segments)?;
+                let input = network.input(ports::TOKENS)?;
+                input.copy_from_slice(&features.segment_descriptors_nsd);
+            }
+            network.run()?;
+            let output = |name: &str| network.output(name).ok();
+            decode(&self.config, index, &self.scale, output, out)?;
         }
         Ok(())
     }
@@ -260,10 +217,4 @@ impl Regressor {
         }
         Ok(())
     }
-}
-
-/// An output that only some networks have.
-fn optional<'a>(network: &'a CpuExecutor, name: &str) -> Result<Option<&'a [f32]>, NnError> {
-    let has = network.graph().outputs().iter().any(|p| p.name == name);
-    has.then(|| network.output(name)).transpose()
 }

@@ -14,13 +14,12 @@ use crate::features::{
 use crate::front_end::FrontEndOptions;
 use crate::geometry::{Pixel, SceneScale, Segment2};
 use crate::image::GrayView;
-use crate::models::{ExtractorKind, RegressorConfig, ports};
+use crate::models::{ExtractorKind, RegressorConfig};
 use crate::nn::Weights;
 use crate::nn::gpu::{
-    FrameResult, GpuCost, GpuDevice, GpuError, GpuFrame, GpuPart, Pipelines, Timer, WeightStorage,
-    self_test,
+    GpuCost, GpuDevice, GpuError, GpuFrame, GpuPart, Pipelines, Timer, WeightStorage, self_test,
 };
-use crate::regress::{Predictions, decode_lines, decode_points, decode_v1, network_parts};
+use crate::regress::{Predictions, decode, network_parts};
 use crate::scene_file::{ExtractorFile, SceneFile};
 use std::sync::Arc;
 
@@ -177,7 +176,16 @@ impl GpuNetworks {
                 score,
             },
         ));
-        decode(&self.config, &self.scale, &result, predictions)
+        predictions.clear();
+        for (index, outputs) in result.branches.iter().enumerate() {
+            let output = |name: &str| {
+                let found = outputs.iter().find(|(found, _)| found == name)?;
+                Some(found.1.as_slice())
+            };
+            decode(&self.config, index, &self.scale, output, predictions)
+                .map_err(|error| unsupported(error.to_string()))?;
+        }
+        Ok(())
     }
 }
 
@@ -187,56 +195,4 @@ fn unsupported(problem: String) -> GpuError {
         op: "frame",
         problem,
     }
-}
-
-fn decode(
-    config: &RegressorConfig,
-    scale: &SceneScale,
-    result: &FrameResult,
-    out: &mut Predictions,
-) -> Result<(), GpuError> {
-    let find = |branch: usize, name: &str| -> Option<&[f32]> {
-        let outputs = result.branches.get(branch)?;
-        outputs
-            .iter()
-            .find(|(found, _)| found == name)
-            .map(|(_, data)| data.as_slice())
-    };
-    let output = |branch: usize, name: &str| {
-        find(branch, name)
-            .ok_or_else(|| unsupported(format!("branch {branch} has no output `{name}`")))
-    };
-    out.clear();
-    match config {
-        RegressorConfig::Branches { line, .. } => {
-            let rows = find(0, ports::ROWS);
-            decode_points(
-                scale,
-                output(0, ports::LOGITS)?,
-                output(0, ports::COORDINATES)?,
-                rows,
-                out,
-            );
-            if line.is_some() {
-                let rows = find(1, ports::ROWS);
-                decode_lines(
-                    scale,
-                    output(1, ports::LOGITS)?,
-                    output(1, ports::COORDINATES)?,
-                    rows,
-                    out,
-                );
-            }
-        }
-        RegressorConfig::V1(v1) => {
-            decode_v1(
-                v1,
-                scale,
-                output(0, ports::POINTS_3D)?,
-                output(0, ports::LINES_3D)?,
-                out,
-            );
-        }
-    }
-    Ok(())
 }

@@ -279,7 +279,7 @@ pub fn write_glb(map: &Map, path: &Path) -> io::Result<()> {
 /// # Errors
 /// When the disk refuses.
 pub fn write_colmap(map: &Map, folder: &Path) -> io::Result<()> {
-    use crate::dataset::camera::CameraRecord;
+    use landline::geometry::CameraRecord;
     let mut cameras: Vec<CameraRecord> = Vec::new();
     let mut images = String::new();
     let mut owner: Vec<Vec<Option<usize>>> =

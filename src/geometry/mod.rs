@@ -8,7 +8,7 @@ mod scene_scale;
 mod segment;
 mod spaces;
 
-pub use camera::{COLMAP_MODELS, Camera, CameraError, CameraModel};
+pub use camera::{Camera, CameraError, CameraModel, CameraRecord, ColmapModel};
 pub use pixel::{Pixel, PixelMap, Sensor, Working, WorkingFromSensor};
 pub use scene_scale::SceneScale;
 pub use segment::{ScenePoint, SceneSegment, Segment2};

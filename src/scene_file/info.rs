@@ -1,7 +1,7 @@
 //! Metadata of a scene file.
 
 use super::{FORMAT_VERSION, KIND_KEY, SceneFileError, TensorFile};
-use crate::geometry::{Camera, CameraModel, SceneScale};
+use crate::geometry::{Camera, CameraRecord, SceneScale};
 use crate::models::{ExtractorKind, Preset, RegressorConfig, Sampler};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -131,13 +131,7 @@ impl SceneInfo {
         }
         put("working_max_side", self.working_max_side.to_string());
         if let Some(camera) = &self.camera {
-            let (params, num_params) = camera.model.params();
-            let record = CameraRecord {
-                model: camera.model.name().to_owned(),
-                width: camera.width,
-                height: camera.height,
-                params: params[..num_params].to_vec(),
-            };
+            let record = CameraRecord::from_camera(camera);
             put("camera", text("camera", &record)?);
         }
         if let Some(training) = &self.training {
@@ -214,14 +208,7 @@ impl SceneInfo {
             None => None,
             Some(_) => Some(parse(file, "camera", |t| {
                 let record: CameraRecord = serde_json::from_str(t).map_err(|e| e.to_string())?;
-                let camera = Camera {
-                    width: record.width,
-                    height: record.height,
-                    model: CameraModel::from_colmap(&record.model, &record.params)
-                        .map_err(|e| e.to_string())?,
-                };
-                camera.validate().map_err(|e| e.to_string())?;
-                Ok(camera)
+                record.to_camera().map_err(|e| e.to_string())
             })?),
         };
         let training = match file.metadata().get("training") {
@@ -250,14 +237,6 @@ impl SceneInfo {
             created: file.metadata().get("created").cloned().unwrap_or_default(),
         })
     }
-}
-
-#[derive(Debug, Serialize, Deserialize)]
-struct CameraRecord {
-    model: String,
-    width: u32,
-    height: u32,
-    params: Vec<f64>,
 }
 
 /// Checks that a text is a SHA-256 in lower-case hexadecimal.

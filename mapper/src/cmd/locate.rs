@@ -1,13 +1,13 @@
 //! `landline locate`: the camera pose of pictures.
 
-use crate::dataset::camera::CameraRecord;
+use crate::dataset::camera::expressed;
 use crate::device::{self, Device};
 use crate::eval::PoseError;
 use crate::overlay;
 use crate::picture;
 use crate::scene::{ExtractorArgs, KernelArgs, read_scene, relocalizer};
 use anyhow::{Context, Result, ensure};
-use landline::geometry::Camera;
+use landline::geometry::{Camera, CameraRecord};
 use landline::image::{FrameView, PixelFormat};
 use landline::relocalizer::{
     CameraSource, Outcome, Query, Relocalizer, RelocalizerOptions, Report,
@@ -55,11 +55,7 @@ pub struct Args {
 pub fn run(args: Args) -> Result<()> {
     let (scene, _) = read_scene(&args.scene)?;
     let extractor = args.extractor.read()?;
-    let given = args
-        .camera
-        .as_ref()
-        .map(CameraRecord::to_camera)
-        .transpose()?;
+    let given = args.camera.as_ref().map(expressed).transpose()?;
     let scene_camera = scene.info.camera;
     let change = |options: &mut RelocalizerOptions| options.kernels = args.kernels.level();
     let on_cpu = args

@@ -3,33 +3,32 @@
 //! The core projects with six models. The others become one of them where that is exact; else the nearest of `OPENCV` and
 //! `OPENCV_FISHEYE` is fitted to them, and a fit that is off by more than [`MAX_FIT_ERROR_PX`] is refused.
 
-use landline::geometry::{COLMAP_MODELS, Camera, CameraError, CameraModel};
+use landline::geometry::{Camera, CameraError, CameraModel, CameraRecord, ColmapModel};
 use nalgebra::{DMatrix, DVector, Vector2};
-use serde::{Deserialize, Serialize};
 
 /// Largest error of a fitted camera model inside the picture.
 pub const MAX_FIT_ERROR_PX: f64 = 0.1;
 
-/// COLMAP's models beyond those of the core: name and number of parameters; their ids follow.
-const OTHER_MODELS: [(&str, usize); 12] = [
-    ("FULL_OPENCV", 12),
-    ("FOV", 5),
-    ("SIMPLE_RADIAL_FISHEYE", 4),
-    ("RADIAL_FISHEYE", 5),
-    ("THIN_PRISM_FISHEYE", 12),
-    ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
-    ("SIMPLE_DIVISION", 4),
-    ("DIVISION", 5),
-    ("SIMPLE_FISHEYE", 3),
-    ("FISHEYE", 4),
-    ("EUCM", 6),
-    ("EQUIRECTANGULAR", 2),
+/// COLMAP's models beyond those of the core. Ids by pycolmap 4.2.1, `CameraModelId`.
+const OTHER_MODELS: [ColmapModel; 12] = [
+    ColmapModel::new(6, "FULL_OPENCV", 12),
+    ColmapModel::new(7, "FOV", 5),
+    ColmapModel::new(8, "SIMPLE_RADIAL_FISHEYE", 4),
+    ColmapModel::new(9, "RADIAL_FISHEYE", 5),
+    ColmapModel::new(10, "THIN_PRISM_FISHEYE", 12),
+    ColmapModel::new(11, "RAD_TAN_THIN_PRISM_FISHEYE", 16),
+    ColmapModel::new(12, "SIMPLE_DIVISION", 4),
+    ColmapModel::new(13, "DIVISION", 5),
+    ColmapModel::new(14, "SIMPLE_FISHEYE", 3),
+    ColmapModel::new(15, "FISHEYE", 4),
+    ColmapModel::new(16, "EUCM", 6),
+    ColmapModel::new(17, "EQUIRECTANGULAR", 2),
 ];
 
-/// Name and number of parameters of the model with COLMAP's id.
-pub(super) fn colmap_model(id: u32) -> Option<(&'static str, usize)> {
-    let id = usize::try_from(id).ok()?;
-    COLMAP_MODELS.iter().chain(&OTHER_MODELS).nth(id).copied()
+/// The model with COLMAP's id.
+pub(super) fn colmap_model(id: u32) -> Option<ColmapModel> {
+    let core = CameraModel::ALL.iter().map(CameraModel::colmap);
+    core.chain(OTHER_MODELS).find(|model| model.id == id)
 }
 
 /// Why a camera of a file cannot be used.
@@ -51,56 +50,35 @@ pub enum CameraRecordError {
     },
 }
 
-/// A camera in COLMAP's words, as JSON writes it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct CameraRecord {
-    /// COLMAP's name of the model.
-    pub model: String,
-    /// In pixels.
-    pub width: u32,
-    /// In pixels.
-    pub height: u32,
-    /// In COLMAP's order.
-    pub params: Vec<f64>,
+/// The camera of a record whose model may be any of COLMAP's.
+///
+/// # Errors
+/// Unknown model, wrong number of parameters, values no camera has, or a model that cannot be expressed.
+pub fn expressed(record: &CameraRecord) -> Result<Camera, CameraRecordError> {
+    let camera = Camera {
+        width: record.width,
+        height: record.height,
+        model: Foreign(record).to_model()?,
+    };
+    camera.validate()?;
+    Ok(camera)
 }
 
-impl CameraRecord {
-    /// The camera in COLMAP's words.
-    pub fn from_camera(camera: &Camera) -> Self {
-        let (params, count) = camera.model.params();
-        Self {
-            model: camera.model.name().to_owned(),
-            width: camera.width,
-            height: camera.height,
-            params: params.into_iter().take(count).collect(),
-        }
-    }
+/// A record on its way to a model of the core.
+struct Foreign<'a>(&'a CameraRecord);
 
-    /// The camera that the words describe.
-    ///
-    /// # Errors
-    /// Unknown model, wrong number of parameters, values no camera has, or a model that cannot be expressed.
-    pub fn to_camera(&self) -> Result<Camera, CameraRecordError> {
-        let camera = Camera {
-            width: self.width,
-            height: self.height,
-            model: self.to_model()?,
-        };
-        camera.validate()?;
-        Ok(camera)
-    }
-
+impl Foreign<'_> {
     fn to_model(&self) -> Result<CameraModel, CameraRecordError> {
         let no = |what: String| CameraRecordError::NotExpressible {
-            model: self.model.clone(),
+            model: self.0.model.clone(),
             what,
         };
         let known = |name: &str, params: &[f64]| CameraModel::from_colmap(name, params);
         let fisheye = |fx, fy, cx, cy, k: [f64; 4]| {
             known("OPENCV_FISHEYE", &[fx, fy, cx, cy, k[0], k[1], k[2], k[3]])
         };
-        let p = self.params.as_slice();
-        Ok(match (self.model.as_str(), p) {
+        let p = self.0.params.as_slice();
+        Ok(match (self.0.model.as_str(), p) {
             ("SIMPLE_FISHEYE", &[f, cx, cy]) => fisheye(f, f, cx, cy, [0.0; 4])?,
             ("FISHEYE", &[fx, fy, cx, cy]) => fisheye(fx, fy, cx, cy, [0.0; 4])?,
             ("SIMPLE_RADIAL_FISHEYE", &[f, cx, cy, k]) => {
@@ -188,12 +166,12 @@ impl CameraRecord {
             ("EQUIRECTANGULAR", _) => {
                 return Err(no("a panorama has no focal length".to_owned()));
             }
-            (name, _) => match OTHER_MODELS.iter().find(|(n, _)| *n == name) {
+            (name, _) => match OTHER_MODELS.iter().find(|model| model.name == name) {
                 // The right number of parameters was handled above.
-                Some((_, expected)) => {
+                Some(model) => {
                     return Err(CameraError::NumParameters {
                         name: name.to_owned(),
-                        expected: *expected,
+                        expected: model.num_params,
                         actual: p.len(),
                     }
                     .into());
@@ -211,10 +189,10 @@ impl CameraRecord {
         place: impl Fn(f64, Vector2<f64>) -> Vector2<f64>,
     ) -> Result<CameraModel, CameraRecordError> {
         let no = |what: &str| CameraRecordError::NotExpressible {
-            model: self.model.clone(),
+            model: self.0.model.clone(),
             what: what.to_owned(),
         };
-        let (w, h) = (f64::from(self.width), f64::from(self.height));
+        let (w, h) = (f64::from(self.0.width), f64::from(self.0.height));
         let is_inside = |p: Vector2<f64>| {
             let (x, y) = (fx * p.x + cx, fy * p.y + cy);
             (-1.0..=w + 1.0).contains(&x) && (-1.0..=h + 1.0).contains(&y)
@@ -355,13 +333,12 @@ mod tests {
     use nalgebra::Vector3;
 
     fn project(model: &str, params: &[f64], x: f64, y: f64) -> (f64, f64) {
-        let camera = CameraRecord {
+        let camera = expressed(&CameraRecord {
             model: model.to_owned(),
             width: 640,
             height: 480,
             params: params.to_vec(),
-        }
-        .to_camera()
+        })
         .expect("expressible");
         let pixel = camera
             .pixel_from_cam(&Vector3::new(x, y, 1.0))
@@ -416,15 +393,24 @@ mod tests {
     }
 
     #[test]
+    fn no_id_stands_for_two_models() {
+        let names: Vec<_> = (0..19).map(|id| colmap_model(id).map(|m| m.name)).collect();
+        assert_eq!(
+            names[4..7],
+            [Some("OPENCV"), Some("OPENCV_FISHEYE"), Some("FULL_OPENCV")]
+        );
+        assert_eq!(names[16..], [Some("EUCM"), Some("EQUIRECTANGULAR"), None]);
+    }
+
+    #[test]
     fn refuses_what_it_cannot_express() {
         let record = |model: &str, params: &[f64]| {
-            CameraRecord {
+            expressed(&CameraRecord {
                 model: model.to_owned(),
                 width: 640,
                 height: 480,
                 params: params.to_vec(),
-            }
-            .to_camera()
+            })
             .expect_err("not expressible")
             .to_string()
         };

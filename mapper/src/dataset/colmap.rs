@@ -3,12 +3,12 @@
 //! Every version writes the full pose of each picture into `images`, rigs or not, so `rigs` and `frames` need no reading.
 //! Pixels are corner-based and poses camera from world, as ours.
 
-use super::camera::{CameraRecord, colmap_model};
+use super::camera::{colmap_model, expressed};
 use super::pictures::Pictures;
 use super::pose_check::rigid_from_quaternion;
 use super::text::TextFile;
 use super::{Dataset, DatasetError, DatasetImage, ModelPoint, Split};
-use landline::geometry::{Camera, Pixel};
+use landline::geometry::{Camera, CameraRecord, Pixel};
 use nalgebra::Vector3;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -88,7 +88,7 @@ pub(super) fn read(folder: &Path, pictures: &Pictures) -> Result<Dataset, Datase
     }
     let mut cameras: HashMap<u32, Result<Camera, String>> = HashMap::new();
     for (id, record) in &raw.cameras {
-        cameras.insert(*id, record.to_camera().map_err(|e| e.to_string()));
+        cameras.insert(*id, expressed(record).map_err(|e| e.to_string()));
     }
     let mut position_of: HashMap<u32, usize> = HashMap::new();
     for (id, image) in &raw.images {
@@ -248,16 +248,18 @@ fn read_binary(folder: &Path) -> Result<RawModel, DatasetError> {
         let id = r.u32()?;
         let model = r.u32()?;
         let (width, height) = (r.side()?, r.side()?);
-        let (name, num_params) = colmap_model(model).ok_or_else(|| {
+        let model = colmap_model(model).ok_or_else(|| {
             r.error(format!(
                 "camera model {model} is unknown, and the file does not say how many parameters it has"
             ))
         })?;
-        let params = (0..num_params).map(|_| r.f64()).collect::<Result<_, _>>()?;
+        let params = (0..model.num_params)
+            .map(|_| r.f64())
+            .collect::<Result<_, _>>()?;
         cameras.insert(
             id,
             CameraRecord {
-                model: name.to_owned(),
+                model: model.name.to_owned(),
                 width,
                 height,
                 params,

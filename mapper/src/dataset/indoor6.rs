@@ -1,13 +1,14 @@
 //! Indoor-6 folders: `images/NAME.color.jpg` beside `NAME.pose.txt` (3x4, camera from world) and `NAME.intrinsics.txt`
 //! (`W H f cx cy ...`), and `train_test_val.pkl`.
 
-use super::camera::CameraRecord;
+use super::camera::expressed;
 use super::pictures::{Pictures, list_files};
 use super::pose_check::rigid_from_matrix;
 use super::pose_list::block_and_translation;
 use super::text::TextFile;
 use super::{Dataset, DatasetError, DatasetImage, Split};
 use crate::import::pickle::{Arena, Value};
+use landline::geometry::CameraRecord;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -95,7 +96,7 @@ pub(super) fn read(root: &Path, pictures: &Pictures) -> Result<Dataset, DatasetE
             height: side(h)?,
             params: line.finite(&[f, cx, cy])?,
         };
-        let camera = record.to_camera().map_err(|e| line.error(e))?;
+        let camera = expressed(&record).map_err(|e| line.error(e))?;
         let pose_file = file.with_file_name(format!("{stem}.pose.txt"));
         let pose_text = TextFile::read(&pose_file)?;
         let mut numbers = Vec::with_capacity(12);

@@ -1,11 +1,12 @@
 //! Finds out what a path is and reads it.
 
-use super::camera::CameraRecord;
+use super::camera::expressed;
 use super::finish::finish;
 use super::pictures::{Pictures, list_files};
 use super::pose_list::{self, CameraSource, ListKind};
 use super::split::{self, IndexRange};
 use super::{Dataset, DatasetError, colmap, indoor6, seven_scenes, transforms, tum};
+use landline::geometry::CameraRecord;
 use std::path::{Path, PathBuf};
 
 /// Which data, and how to read it.
@@ -104,7 +105,7 @@ pub fn parse_camera(text: &str) -> Result<CameraRecord, String> {
         height: side(height)?,
         params: params.iter().map(|p| number(p)).collect::<Result<_, _>>()?,
     };
-    record.to_camera().map_err(|e| e.to_string())?;
+    expressed(&record).map_err(|e| e.to_string())?;
     Ok(record)
 }
 

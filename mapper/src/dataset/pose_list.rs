@@ -1,13 +1,13 @@
 //! Text lists: `name qw qx qy qz tx ty tz [f [confidence]]` (camera from world, as pseudo ground truth of 7-Scenes, hloc
 //! results and ACE0 write them), `name` + 16 numbers (4x4 row-major), and hloc query lists `name MODEL w h params...`.
 
-use super::camera::{CameraRecord, CameraRecordError};
+use super::camera::{CameraRecordError, expressed};
 use super::open::PoseDirection;
 use super::pictures::Pictures;
 use super::pose_check::{rigid_from_matrix, rigid_from_quaternion};
 use super::text::TextFile;
 use super::{Dataset, DatasetError, DatasetImage, Split};
-use landline::geometry::{CamFromWorld, Camera, CameraModel, WorldFromCam};
+use landline::geometry::{CamFromWorld, Camera, CameraModel, CameraRecord, WorldFromCam};
 use nalgebra::{Matrix3, Vector3};
 use std::collections::HashMap;
 use std::path::Path;
@@ -121,7 +121,7 @@ pub(super) fn read(
             continue;
         };
         let camera = match (&record, focal) {
-            (Some(record), _) => record.to_camera().map_err(|e| line.error(e))?,
+            (Some(record), _) => expressed(record).map_err(|e| line.error(e))?,
             (None, focal) => match cameras.camera(&name, size, focal) {
                 Some(camera) => camera.map_err(|e| line.error(e))?,
                 None => {
@@ -261,7 +261,7 @@ impl CameraSource {
             .or_else(|| self.by_name.get(basename))
             .or(self.given.as_ref())
         {
-            return Some(record.to_camera());
+            return Some(expressed(record));
         }
         let camera = match (focal, self.k) {
             (Some(f), _) => Camera::centered(width, height, f),

@@ -4,13 +4,12 @@
 //! The poses as shipped are those of the depth camera. One fixed rigid transform takes depth to colour; it was recovered
 //! by comparing shipped poses with published registered ones (deviation at most 0.2 mm).
 
-use super::camera::CameraRecord;
 use super::pictures::{Pictures, list_files};
 use super::pose_check::rigid_from_matrix;
 use super::pose_list::{CameraSource, block_and_translation};
 use super::text::TextFile;
 use super::{Dataset, DatasetError, DatasetImage, Split};
-use landline::geometry::{CamFromWorld, WorldFromCam};
+use landline::geometry::{CamFromWorld, CameraRecord, WorldFromCam};
 use nalgebra::{Matrix3, Vector3};
 use std::path::{Path, PathBuf};
 

@@ -3,11 +3,11 @@
 //! `applied_transform`, by which nerfstudio turned the world, is undone, so that the scene keeps the coordinates of its
 //! source. Nerfstudio's pixels are corner-based, as ours.
 
-use super::camera::CameraRecord;
+use super::camera::expressed;
 use super::pictures::Pictures;
 use super::pose_check::rigid_from_matrix;
 use super::{Dataset, DatasetError, DatasetImage, Split};
-use landline::geometry::WorldFromCam;
+use landline::geometry::{CameraRecord, WorldFromCam};
 use nalgebra::{Matrix3, Matrix4};
 use serde_json::Value;
 use std::collections::HashSet;
@@ -85,7 +85,7 @@ pub(super) fn read(path: &Path, pictures: &Pictures) -> Result<Dataset, DatasetE
                 continue;
             }
         };
-        let camera = match record.to_camera() {
+        let camera = match expressed(&record) {
             Ok(camera) => camera,
             Err(reason) => {
                 dataset.drop_image(name, reason.to_string());

@@ -5,10 +5,12 @@
 
 mod distortion;
 mod model;
+mod record;
 #[cfg(test)]
 mod tests;
 
-pub use model::{COLMAP_MODELS, CameraModel};
+pub use model::{CameraModel, ColmapModel};
+pub use record::CameraRecord;
 
 use super::pixel::{Pixel, PixelMap};
 use nalgebra::{Matrix3, Vector2, Vector3};
@@ -115,7 +117,7 @@ impl Camera {
             *f *= factor;
         }
         Self {
-            model: CameraModel::from_id(self.model.id(), params),
+            model: self.model.with_params(params),
             ..*self
         }
     }
@@ -142,7 +144,7 @@ impl Camera {
         Self {
             width: libm::round(end.x) as u32,
             height: libm::round(end.y) as u32,
-            model: CameraModel::from_id(model.id(), params),
+            model: model.with_params(params),
         }
     }
 
@@ -158,7 +160,7 @@ impl Camera {
         let camera = Self {
             width: self.height,
             height: self.width,
-            model: CameraModel::from_id(self.model.id(), params),
+            model: self.model.with_params(params),
         };
         let turn = Matrix3::from_columns(&[Vector3::y(), -Vector3::x(), Vector3::z()]);
         (camera, turn)

@@ -44,32 +44,55 @@ pub enum CameraModel {
     },
 }
 
-/// Names and numbers of parameters, at the position of COLMAP's id.
-pub const COLMAP_MODELS: [(&str, usize); 6] = [
-    ("SIMPLE_PINHOLE", 3),
-    ("PINHOLE", 4),
-    ("SIMPLE_RADIAL", 4),
-    ("RADIAL", 5),
-    ("OPENCV", 8),
-    ("OPENCV_FISHEYE", 8),
-];
+/// What COLMAP calls a model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ColmapModel {
+    /// Its id in binary files.
+    pub id: u32,
+    /// Its name in texts.
+    pub name: &'static str,
+    /// Number of parameters.
+    pub num_params: usize,
+}
+
+impl ColmapModel {
+    /// A model of COLMAP.
+    pub const fn new(id: u32, name: &'static str, num_params: usize) -> Self {
+        Self {
+            id,
+            name,
+            num_params,
+        }
+    }
+}
 
 impl CameraModel {
-    /// COLMAP's id.
-    pub fn id(&self) -> usize {
+    /// Each model, with all parameters zero.
+    #[rustfmt::skip]
+    pub const ALL: [Self; 6] = [
+        Self::SimplePinhole { f: 0.0, cx: 0.0, cy: 0.0 },
+        Self::Pinhole { fx: 0.0, fy: 0.0, cx: 0.0, cy: 0.0 },
+        Self::SimpleRadial { f: 0.0, cx: 0.0, cy: 0.0, k: 0.0 },
+        Self::Radial { f: 0.0, cx: 0.0, cy: 0.0, k1: 0.0, k2: 0.0 },
+        Self::OpenCv { fx: 0.0, fy: 0.0, cx: 0.0, cy: 0.0, k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0 },
+        Self::OpenCvFisheye { fx: 0.0, fy: 0.0, cx: 0.0, cy: 0.0, k1: 0.0, k2: 0.0, k3: 0.0, k4: 0.0 },
+    ];
+
+    /// What COLMAP calls it.
+    pub const fn colmap(&self) -> ColmapModel {
         match self {
-            Self::SimplePinhole { .. } => 0,
-            Self::Pinhole { .. } => 1,
-            Self::SimpleRadial { .. } => 2,
-            Self::Radial { .. } => 3,
-            Self::OpenCv { .. } => 4,
-            Self::OpenCvFisheye { .. } => 5,
+            Self::SimplePinhole { .. } => ColmapModel::new(0, "SIMPLE_PINHOLE", 3),
+            Self::Pinhole { .. } => ColmapModel::new(1, "PINHOLE", 4),
+            Self::SimpleRadial { .. } => ColmapModel::new(2, "SIMPLE_RADIAL", 4),
+            Self::Radial { .. } => ColmapModel::new(3, "RADIAL", 5),
+            Self::OpenCv { .. } => ColmapModel::new(4, "OPENCV", 8),
+            Self::OpenCvFisheye { .. } => ColmapModel::new(5, "OPENCV_FISHEYE", 8),
         }
     }
 
     /// COLMAP's name.
     pub fn name(&self) -> &'static str {
-        COLMAP_MODELS[self.id()].0
+        self.colmap().name
     }
 
     /// From COLMAP's name and parameter list.
@@ -77,12 +100,12 @@ impl CameraModel {
     /// # Errors
     /// When the name is unknown or the number of parameters does not fit it.
     pub fn from_colmap(name: &str, params: &[f64]) -> Result<Self, CameraError> {
-        let Some(id) = COLMAP_MODELS.iter().position(|(n, _)| *n == name) else {
+        let Some(model) = Self::ALL.into_iter().find(|model| model.name() == name) else {
             return Err(CameraError::UnknownModel {
                 name: name.to_owned(),
             });
         };
-        let expected = COLMAP_MODELS[id].1;
+        let expected = model.colmap().num_params;
         if params.len() != expected {
             return Err(CameraError::NumParameters {
                 name: name.to_owned(),
@@ -92,52 +115,23 @@ impl CameraModel {
         }
         let mut all = [0.0; 8];
         all[..expected].copy_from_slice(params);
-        Ok(Self::from_id(id, all))
+        Ok(model.with_params(all))
     }
 
-    /// Model number `id` with as many of the parameters as it takes.
-    pub(super) fn from_id(id: usize, [a, b, c, d, e, g, h, i]: [f64; 8]) -> Self {
-        match id {
-            0 => Self::SimplePinhole { f: a, cx: b, cy: c },
-            1 => Self::Pinhole {
-                fx: a,
-                fy: b,
-                cx: c,
-                cy: d,
-            },
-            2 => Self::SimpleRadial {
-                f: a,
-                cx: b,
-                cy: c,
-                k: d,
-            },
-            3 => Self::Radial {
-                f: a,
-                cx: b,
-                cy: c,
-                k1: d,
-                k2: e,
-            },
-            4 => Self::OpenCv {
-                fx: a,
-                fy: b,
-                cx: c,
-                cy: d,
-                k1: e,
-                k2: g,
-                p1: h,
-                p2: i,
-            },
-            _ => Self::OpenCvFisheye {
-                fx: a,
-                fy: b,
-                cx: c,
-                cy: d,
-                k1: e,
-                k2: g,
-                k3: h,
-                k4: i,
-            },
+    /// The same model with as many of these parameters as it takes.
+    #[rustfmt::skip]
+    pub(super) fn with_params(&self, [a, b, c, d, e, g, h, i]: [f64; 8]) -> Self {
+        match self {
+            Self::SimplePinhole { .. } => Self::SimplePinhole { f: a, cx: b, cy: c },
+            Self::Pinhole { .. } => Self::Pinhole { fx: a, fy: b, cx: c, cy: d },
+            Self::SimpleRadial { .. } => Self::SimpleRadial { f: a, cx: b, cy: c, k: d },
+            Self::Radial { .. } => Self::Radial { f: a, cx: b, cy: c, k1: d, k2: e },
+            Self::OpenCv { .. } => {
+                Self::OpenCv { fx: a, fy: b, cx: c, cy: d, k1: e, k2: g, p1: h, p2: i }
+            }
+            Self::OpenCvFisheye { .. } => {
+                Self::OpenCvFisheye { fx: a, fy: b, cx: c, cy: d, k1: e, k2: g, k3: h, k4: i }
+            }
         }
     }
 
@@ -169,7 +163,7 @@ impl CameraModel {
                 k4,
             } => [fx, fy, cx, cy, k1, k2, k3, k4],
         };
-        (all, COLMAP_MODELS[self.id()].1)
+        (all, self.colmap().num_params)
     }
 
     /// How many focal lengths lead the parameters; the principal point follows them, then the distortion.
@@ -182,6 +176,16 @@ impl CameraModel {
 
     /// The model with two focal lengths that projects in the same way.
     pub(super) fn with_two_focals(&self) -> Self {
+        let opencv = |f, cx, cy, k1, k2| Self::OpenCv {
+            fx: f,
+            fy: f,
+            cx,
+            cy,
+            k1,
+            k2,
+            p1: 0.0,
+            p2: 0.0,
+        };
         match *self {
             Self::SimplePinhole { f, cx, cy } => Self::Pinhole {
                 fx: f,
@@ -189,12 +193,8 @@ impl CameraModel {
                 cx,
                 cy,
             },
-            Self::SimpleRadial { f, cx, cy, k } => {
-                Self::from_id(4, [f, f, cx, cy, k, 0.0, 0.0, 0.0])
-            }
-            Self::Radial { f, cx, cy, k1, k2 } => {
-                Self::from_id(4, [f, f, cx, cy, k1, k2, 0.0, 0.0])
-            }
+            Self::SimpleRadial { f, cx, cy, k } => opencv(f, cx, cy, k, 0.0),
+            Self::Radial { f, cx, cy, k1, k2 } => opencv(f, cx, cy, k1, k2),
             two => two,
         }
     }

@@ -235,13 +235,23 @@ fn a_turned_camera_sees_the_turned_pixel() {
 
 #[test]
 fn names_parameters_and_ids_round_trip() {
-    for (id, camera) in models().iter().enumerate() {
+    // Ids and names by pycolmap 4.2.1, CameraModelId.
+    let ids = [
+        (0, "SIMPLE_PINHOLE"),
+        (1, "PINHOLE"),
+        (2, "SIMPLE_RADIAL"),
+        (3, "RADIAL"),
+        (4, "OPENCV"),
+        (5, "OPENCV_FISHEYE"),
+    ];
+    for (expected, camera) in ids.iter().zip(&models()) {
         let (params, count) = camera.model.params();
-        assert_eq!(
-            (camera.model.id(), camera.model.name()),
-            (id, COLMAP_MODELS[id].0)
-        );
+        assert_eq!((camera.model.colmap().id, camera.model.name()), *expected);
         let again = CameraModel::from_colmap(camera.model.name(), &params[..count]);
         assert_eq!(again.as_ref(), Ok(&camera.model));
+        assert_eq!(
+            CameraRecord::from_camera(camera).to_camera().as_ref(),
+            Ok(camera)
+        );
     }
 }

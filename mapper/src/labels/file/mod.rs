@@ -5,7 +5,7 @@
 mod read;
 mod write;
 
-use crate::dataset::camera::CameraRecord;
+use landline::geometry::CameraRecord;
 use serde::{Deserialize, Serialize};
 use std::io;
 use std::path::PathBuf;

@@ -2,9 +2,9 @@
 
 use super::super::{LabelledImage, Labels, Observation};
 use super::{FORMAT, Header, ImageHeader, LabelFileError, NO_TARGET};
-use crate::dataset::camera::CameraRecord;
 use crate::files;
 use half::f16;
+use landline::geometry::CameraRecord;
 use landline::geometry::Segment2;
 use safetensors::tensor::{Dtype, View, serialize};
 use std::borrow::Cow;

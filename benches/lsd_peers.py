@@ -6,7 +6,7 @@
 
 Needs numpy, opencv-python, and the peers that are to be timed: pytlsd, lsdetect (missing ones are left out).
 For every picture the detectors take turns; each time is the least processor time over --reps, the table has the median
-over the pictures. --wasm names the built npm package: Node then runs its `detectSegments` on the same pictures in the same
+over the pictures. --wasm names target/web/bench (`cargo xtask web --bench`): Node then runs its `detectSegments` on the same pictures in the same
 turns. --segments writes our segments with integer pixel centres, one line `frame x1 y1 x2 y2`, for agreement tables.
 """
 import argparse, glob, json, os, subprocess, tempfile, time

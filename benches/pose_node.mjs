@@ -1,8 +1,8 @@
-// Solves the problems of a `.plb` file with the built npm package under Node; prints one JSON line for each, as `landline pose` does.
+// Solves the problems of a `.plb` file in WebAssembly under Node; prints one JSON line for each, as `landline pose` does.
 //
 //     node benches/pose_node.mjs PACKAGE FILE.plb TAU_POINTS TAU_LINES [REPEAT]
 //
-// PACKAGE is the folder with landline_bg.wasm and the JavaScript that wasm-bindgen made beside it. The time is
+// PACKAGE is target/web/bench with landline_bench_bg.wasm and the JavaScript that wasm-bindgen made beside it. The time is
 // processor time of the call, median of REPEAT, with the copy of the numbers. benches/pose_peers.py --wasm calls this for every file.
 import { existsSync, readFileSync } from "node:fs";
 import { join, resolve } from "node:path";
@@ -13,13 +13,13 @@ if (!tauLines) {
   console.error("usage: node pose_node.mjs PACKAGE FILE.plb TAU_POINTS TAU_LINES [REPEAT]");
   process.exit(2);
 }
-const glue = join(resolve(folder), "landline.js");
+const glue = join(resolve(folder), "landline_bench.js");
 if (!existsSync(glue)) {
   console.error(`${glue} is missing: build the package with \`cargo xtask web\``);
   process.exit(2);
 }
 const landline = await import(pathToFileURL(glue).href);
-landline.initSync({ module: readFileSync(join(folder, "landline_bg.wasm")) });
+landline.initSync({ module: readFileSync(join(folder, "landline_bench_bg.wasm")) });
 
 const bytes = readFileSync(file);
 const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);

@@ -4,10 +4,10 @@
     cargo build --release -p landline-mapper --no-default-features
     python3 benches/pose_peers.py target/release/landline FOLDER [--settings a,b] [--wasm PACKAGE] [--budget 60] [--json OUT]
 
-Needs numpy and poselib. FOLDER holds `.plb` files (format: src/pose/problem_file.rs). Times are processor milliseconds of the
+Needs numpy and poselib. FOLDER holds `.plb` files (format: testkit/src/problem_file.rs). Times are processor milliseconds of the
 solving thread, the median over the problems; ours after one warm-up, the median of --repeat. PoseLib is called as PL2Map calls it
 (`pnpl`: 12 and 10 px, everything else default) and in the other ways that a caller can choose; a method stops after --budget
-seconds, and the table then says how many problems it has seen. --wasm names the built npm package: Node solves the same files.
+seconds, and the table then says how many problems it has seen. --wasm names target/web/bench (`cargo xtask web --bench`): Node solves the same files.
 Success: within 5 cm and 5 degrees. Gross failure: off by more than 25 cm or 5 degrees, or no pose.
 """
 import argparse

@@ -1,7 +1,7 @@
 //! The extractor on the CPU: network, selection, sampling.
 
 use super::{FeatureSet, Keypoint, KeypointParams, SelectScratch, select_keypoints};
-use crate::geometry::{Pixel, Segment2};
+use crate::geometry::Segment2;
 use crate::image::GrayView;
 use crate::models::{ExtractorKind, ModelError, Sampler, SelectionRule, ports};
 use crate::nn::cpu::{CpuExecutor, Level};

@@ -1,4 +1,4 @@
-//! Inner loops over pixels. The only place of the detector where instructions are chosen by hand.
+//! Inner loops over pixels, written so that the compiler turns them into vector instructions.
 //!
 //! Every kernel fixes the order of its operations, so that all targets give the same bits.
 

@@ -6,9 +6,6 @@ use super::merge::{MergeParams, merge_collinear};
 use crate::geometry::Segment2;
 use core::cmp::Ordering;
 
-/// A minimum length that removes the least repeatable quarter of the segments of a 640x480 picture but only a tenth
-/// of their total length: below it, fewer than 60 % are found again under pixel noise of 3 grey levels.
-pub const RECOMMENDED_MIN_LENGTH_PX: f64 = 15.0;
 /// More segments than a picture of VGA size ever has; bounds the work that follows.
 pub const DEFAULT_MAX_COUNT: usize = 3000;
 
@@ -40,7 +37,9 @@ pub enum Direction {
 pub struct PostParams {
     /// Joins fragments of one line; off by default.
     pub merge: Option<MergeParams>,
-    /// Segments shorter than this are dropped; 0 keeps all. See [`RECOMMENDED_MIN_LENGTH_PX`].
+    /// Segments shorter than this are dropped; 0 keeps all. 15 removes the least repeatable quarter of the segments of a
+    /// 640x480 picture but only a tenth of their total length: of shorter ones fewer than 60 % are found again under pixel
+    /// noise of 3 grey levels.
     pub min_length_px: f64,
     /// At most so many are kept.
     pub max_count: usize,

@@ -115,9 +115,4 @@ impl Tensor {
             ..self
         })
     }
-
-    /// Whether the rows lie side by side without a gap.
-    pub fn is_contiguous(&self) -> bool {
-        self.row_stride == self.channels
-    }
 }

@@ -22,7 +22,6 @@ mod mirror;
 mod normal;
 mod options;
 mod problem;
-pub mod problem_file;
 mod ransac;
 mod refine;
 mod residuals;

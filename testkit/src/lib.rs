@@ -8,6 +8,7 @@ mod nn_cases;
 mod parallel;
 pub mod portable;
 mod pose_scene;
+pub mod problem_file;
 mod random_scene;
 pub mod room;
 

@@ -5,15 +5,11 @@
 
 mod error;
 mod gpu;
-mod lsd;
-mod pose;
 mod relocalizer;
 mod result;
 
 use wasm_bindgen::prelude::wasm_bindgen;
 
-pub use lsd::{NUMBERS_PER_SEGMENT, detect_segments};
-pub use pose::PoseSolver;
 pub use relocalizer::RawRelocalizer;
 
 #[wasm_bindgen]

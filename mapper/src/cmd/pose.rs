@@ -2,9 +2,8 @@
 
 use anyhow::{Context, Result, bail};
 use cpu_time::ThreadTime;
-use landline::pose::{
-    Focal, PoseOptions, PoseOutcome, PoseScratch, PoseStatus, estimate, problem_file,
-};
+use landline::pose::{Focal, PoseOptions, PoseOutcome, PoseScratch, PoseStatus, estimate};
+use landline_testkit::problem_file;
 use serde::Serialize;
 use std::io::Write;
 use std::path::PathBuf;

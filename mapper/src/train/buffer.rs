@@ -185,11 +185,6 @@ impl<'a> Buffer<'a> {
         self.tracks.len()
     }
 
-    /// Number of rows with a target.
-    pub fn num_labelled(&self) -> usize {
-        self.tracks.iter().filter(|t| **t >= 0).count()
-    }
-
     /// Number of images.
     pub fn num_images(&self) -> usize {
         self.images.len()

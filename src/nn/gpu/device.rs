@@ -1,11 +1,9 @@
-//! Adapter, device and queue, with what has to be known when they fail: loss, refused commands, object counts.
+//! Adapter, device and queue, with what has to be known when they fail: loss and refused commands.
 
-use std::sync::{
-    Arc, Mutex, PoisonError,
-    atomic::{AtomicU32, Ordering},
-};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use super::error::GpuError;
+use super::faults::{Acting, Fault};
 
 /// Which adapter is wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -15,25 +13,6 @@ pub enum AdapterChoice {
     Hardware,
     /// Any, also a software one: for tests.
     Any,
-}
-
-/// What can go wrong with a device, acted out so that the way back to the CPU can be tested anywhere.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Fault {
-    /// No adapter is found.
-    NoAdapter,
-    /// The adapter has half the workgroup memory that WebGPU guarantees.
-    LowLimit,
-    /// The shaders that are made from now on have an error in them.
-    ShaderError,
-    /// The products that are made from now on are wrong in every fourth row.
-    WrongAnswer,
-    /// Matrices in 16 bits are read wrongly by the shaders that are made from now on.
-    WrongHalves,
-    /// Results never arrive.
-    LateMap,
-    /// The device is gone, as after a reset of the driver.
-    Lost,
 }
 
 /// What became of the device.
@@ -47,12 +26,11 @@ struct Health {
 pub struct GpuDevice {
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
-    #[cfg(not(target_arch = "wasm32"))]
-    instance: wgpu::Instance,
+    #[cfg(all(feature = "faults", not(target_arch = "wasm32")))]
+    pub(super) instance: wgpu::Instance,
     info: wgpu::AdapterInfo,
     health: Arc<Health>,
-    created: AtomicU32,
-    fault: Mutex<Option<Fault>>,
+    pub(super) acting: Acting,
 }
 
 impl core::fmt::Debug for GpuDevice {
@@ -126,14 +104,11 @@ impl GpuDevice {
     /// # Errors
     /// [`GpuError::NoAdapter`], [`GpuError::SoftwareAdapter`], [`GpuError::LimitTooLow`], [`GpuError::NoDevice`].
     pub async fn request(choice: AdapterChoice) -> Result<Arc<Self>, GpuError> {
-        Self::request_with_fault(choice, None).await
+        Self::open(choice, None).await
     }
 
-    /// The same with something wrong from the start: for tests of the recovery.
-    ///
-    /// # Errors
-    /// Those of [`Self::request`].
-    pub async fn request_with_fault(
+    /// The same, with something wrong from the start.
+    pub(super) async fn open(
         choice: AdapterChoice,
         fault: Option<Fault>,
     ) -> Result<Arc<Self>, GpuError> {
@@ -190,20 +165,15 @@ impl GpuDevice {
                 reason = "natively it may be sent, and the code is the same"
             )
         )]
-        let gpu = Arc::new(Self {
+        Ok(Arc::new(Self {
             device,
             queue,
-            #[cfg(not(target_arch = "wasm32"))]
+            #[cfg(all(feature = "faults", not(target_arch = "wasm32")))]
             instance,
             info,
             health,
-            created: AtomicU32::new(0),
-            fault: Mutex::new(None),
-        });
-        if let Some(fault) = fault {
-            gpu.simulate(fault);
-        }
-        Ok(gpu)
+            acting: Acting::default(),
+        }))
     }
 
     /// Name, driver and kind of the adapter, for reports. Browsers say little.
@@ -274,51 +244,11 @@ impl GpuDevice {
         }
     }
 
-    /// Number of buffers, bind groups, shaders and pipelines made so far: it stands still once the networks are loaded.
-    pub fn num_objects_created(&self) -> u32 {
-        self.created.load(Ordering::Relaxed)
-    }
-
-    /// Number of buffers, bind groups, shaders and pipelines that are alive by the driver layer's own books, which also
-    /// have what was made in passing; `None` in browsers, which do not tell.
-    #[cfg(not(target_arch = "wasm32"))]
-    pub fn num_objects_alive(&self) -> Option<usize> {
-        let report = self.instance.generate_report()?;
-        let hub = report.hub_report();
-        let kinds = [
-            &hub.buffers,
-            &hub.bind_groups,
-            &hub.bind_group_layouts,
-            &hub.shader_modules,
-            &hub.compute_pipelines,
-            &hub.command_buffers,
-            &hub.command_encoders,
-        ];
-        Some(kinds.iter().map(|kind| kind.num_kept_from_user).sum())
-    }
-
-    /// Lets something go wrong from now on: for tests of the recovery.
-    pub fn simulate(&self, fault: Fault) {
-        *self.fault.lock().unwrap_or_else(PoisonError::into_inner) = Some(fault);
-        if fault == Fault::Lost {
-            self.device.destroy();
-            note(&self.health.lost, "destroyed on request".to_owned());
-        }
-    }
-
-    /// Ends what [`Self::simulate`] began; a device that was lost stays so.
-    pub fn recover(&self) {
-        *self.fault.lock().unwrap_or_else(PoisonError::into_inner) = None;
-    }
-
-    /// What is being acted out.
-    pub(super) fn fault(&self) -> Option<Fault> {
-        *self.fault.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Counts an object that is about to be made.
-    pub(super) fn count_created(&self) {
-        self.created.fetch_add(1, Ordering::Relaxed);
+    /// Takes the device for lost.
+    #[cfg(feature = "faults")]
+    pub(super) fn lose(&self, why: &str) {
+        self.device.destroy();
+        note(&self.health.lost, why.to_owned());
     }
 
     /// Makes a buffer.
@@ -328,7 +258,7 @@ impl GpuDevice {
         bytes: u64,
         usage: wgpu::BufferUsages,
     ) -> wgpu::Buffer {
-        self.count_created();
+        self.acting.count_created();
         self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
             // Bindings must not be empty, and copies want a multiple of four.

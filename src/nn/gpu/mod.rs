@@ -14,6 +14,7 @@ mod blocking;
 mod device;
 mod error;
 mod executor;
+mod faults;
 mod frame;
 mod frame_plan;
 mod fuse;
@@ -27,9 +28,11 @@ mod storage;
 
 #[cfg(not(target_arch = "wasm32"))]
 pub use blocking::GpuExecutor;
-pub use device::{AdapterChoice, Fault, GpuDevice};
+pub use device::{AdapterChoice, GpuDevice};
 pub use error::GpuError;
 pub use executor::{GpuNetwork, Outputs};
+#[cfg(feature = "faults")]
+pub use faults::Fault;
 pub use frame::{FrameResult, GpuFrame};
 pub use frame_plan::{FrameParts, FramePorts, GpuPart, PictureParts};
 pub use network::GpuCost;

@@ -5,10 +5,7 @@
 
 use std::{collections::BTreeMap, fmt::Write as _, sync::Arc};
 
-use super::{
-    device::{Fault, GpuDevice},
-    error::GpuError,
-};
+use super::{device::GpuDevice, error::GpuError, faults::Fault};
 
 /// Uniform parameters of one dispatch.
 #[derive(Debug, Clone, Default)]
@@ -109,7 +106,7 @@ impl Pipelines {
             },
             count: None,
         };
-        gpu.count_created();
+        gpu.acting.count_created();
         let layout = gpu
             .device
             .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
@@ -121,7 +118,7 @@ impl Pipelines {
                     storage(3, false),
                 ],
             });
-        gpu.count_created();
+        gpu.acting.count_created();
         let pipeline_layout = gpu
             .device
             .create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
@@ -150,7 +147,7 @@ impl Pipelines {
             offset: 0,
             size: core::num::NonZeroU64::new(PARAMS_STRIDE as u64),
         });
-        gpu.count_created();
+        gpu.acting.count_created();
         gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some(label),
             layout: &self.layout,
@@ -192,15 +189,15 @@ impl Pipelines {
                 message: "no such kernel".to_owned(),
             });
         };
-        let source = act_out(gpu.fault(), format!("{}{COMMON}\n{text}", key.1));
-        gpu.count_created();
+        let source = act_out(gpu.acting.fault(), format!("{}{COMMON}\n{text}", key.1));
+        gpu.acting.count_created();
         let module = gpu
             .device
             .create_shader_module(wgpu::ShaderModuleDescriptor {
                 label: Some(kernel),
                 source: wgpu::ShaderSource::Wgsl(source.into()),
             });
-        gpu.count_created();
+        gpu.acting.count_created();
         let pipeline = gpu
             .device
             .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {

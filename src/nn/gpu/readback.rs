@@ -7,10 +7,7 @@ use std::{
     task::{Context, Poll, Waker},
 };
 
-use super::{
-    device::{Fault, GpuDevice},
-    error::GpuError,
-};
+use super::{device::GpuDevice, error::GpuError, faults::Fault};
 
 /// A map of a staging buffer answers within this time or the frame is given up: a lost device may leave it open for ever.
 pub const MAP_DEADLINE_MS: u32 = 1000;
@@ -116,7 +113,7 @@ async fn wait(
     deadline_ms: u32,
     timer: Option<&Timer>,
 ) -> Result<(), GpuError> {
-    if gpu.fault() == Some(Fault::LateMap) {
+    if gpu.acting.fault() == Some(Fault::LateMap) {
         return Err(GpuError::MapTimeout(deadline_ms));
     }
     #[cfg(not(target_arch = "wasm32"))]

@@ -4,9 +4,8 @@ use super::{error, solve};
 use landline::geometry::{CamFromWorld, Camera, Pixel};
 use landline::pose::{
     LineCorrespondence, PointCorrespondence, PoseOptions, PoseScratch, PoseStatus, estimate,
-    problem_file,
 };
-use landline_testkit::{PoseScene, shared_data};
+use landline_testkit::{PoseScene, problem_file, shared_data};
 use nalgebra::Vector3;
 
 /// (setting, least share within 5 cm and 5 degrees: what PoseLib 2.0.5 reaches with the better of its calls, or the bar)

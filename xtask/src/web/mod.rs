@@ -19,9 +19,16 @@ pub(crate) use site::folder as site_folder;
 
 /// Builds the npm package and the demo page.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Args {}
+pub(crate) struct Args {
+    /// Build detector and solver alone instead, with the same flags, for `benches/*_node.mjs`.
+    #[arg(long)]
+    bench: bool,
+}
 
-pub(crate) fn run(_args: &Args) -> Result<()> {
+pub(crate) fn run(args: &Args) -> Result<()> {
+    if args.bench {
+        return bench();
+    }
     build()?;
     size::run(&size::Args {})
 }
@@ -59,7 +66,7 @@ pub(crate) fn build() -> Result<()> {
     let tools = setup::web_tools()?;
     let weights = setup::weights()?;
     let config: BuildConfig = crate::pins::json("pkg-config/build.json")?;
-    let wasm = wasm::build(&config, &tools)?;
+    let wasm = wasm::build(&config, &tools, &bindgen_dir())?;
     binary::check(&std::fs::read(&wasm)?, &config.proposals)?;
     let scripts = package::compile_scripts()?;
     package::assemble(&config, &wasm, &scripts, &weights)?;
@@ -67,6 +74,20 @@ pub(crate) fn build() -> Result<()> {
     site::stage()?;
     println!("web     package: {}", tarball.display());
     println!("web     demo page: {}", site::folder().display());
+    Ok(())
+}
+
+/// Builds the binary of the benches, which ships nowhere.
+fn bench() -> Result<()> {
+    let tools = setup::web_tools()?;
+    let config = BuildConfig {
+        crate_name: "landline-bench".to_owned(),
+        out_name: "landline_bench".to_owned(),
+        ..crate::pins::json("pkg-config/build.json")?
+    };
+    let dir = paths::root().join("target/web/bench");
+    wasm::build(&config, &tools, &dir)?;
+    println!("web     for benches: {}", dir.display());
     Ok(())
 }
 

@@ -1,15 +1,15 @@
 //! The wasm binary: cargo, wasm-bindgen, wasm-opt.
 
-use super::{BuildConfig, bindgen_dir};
+use super::BuildConfig;
 use crate::setup::{WebTools, node_tool};
 use crate::{paths, shell};
 use anyhow::{Context as _, Result, bail};
 use sha2::{Digest as _, Sha256};
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-/// Builds the binary and returns its path; the glue lies beside it.
-pub(super) fn build(config: &BuildConfig, tools: &WebTools) -> Result<PathBuf> {
+/// Builds the binary into a folder and returns its path; the glue lies beside it.
+pub(super) fn build(config: &BuildConfig, tools: &WebTools, dir: &Path) -> Result<PathBuf> {
     println!(
         "web     cargo builds {} ({}, profile {})",
         config.crate_name, config.target, config.profile
@@ -39,7 +39,6 @@ pub(super) fn build(config: &BuildConfig, tools: &WebTools) -> Result<PathBuf> {
         .join(&config.profile)
         .join(format!("{}.wasm", config.crate_name.replace('-', "_")));
 
-    let dir = bindgen_dir();
     let out = dir.join(format!("{}_bg.wasm", config.out_name));
     let key = key(config, tools, &raw)?;
     let stamp = dir.join("built-from");
@@ -49,7 +48,7 @@ pub(super) fn build(config: &BuildConfig, tools: &WebTools) -> Result<PathBuf> {
     }
 
     println!("web     wasm-bindgen");
-    let scratch = dir.with_file_name("bindgen.tmp");
+    let scratch = dir.with_extension("tmp");
     if scratch.exists() {
         fs::remove_dir_all(&scratch)?;
     }
@@ -83,7 +82,7 @@ pub(super) fn build(config: &BuildConfig, tools: &WebTools) -> Result<PathBuf> {
     fs::rename(&optimized, &bound).context("wasm-opt left no output")?;
     paths::write(&scratch.join("built-from"), key.as_bytes())?;
     fs::create_dir_all(paths::root().join("target/web"))?;
-    paths::replace_dir(&scratch, &dir)?;
+    paths::replace_dir(&scratch, dir)?;
     no_private_paths(&fs::read(&out)?)?;
     Ok(out)
 }

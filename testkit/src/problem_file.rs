@@ -5,8 +5,8 @@
 //! u, v, X, Y, Z, confidence, is_inlier; per line f64 u1, v1, u2, v2, X1, Y1, Z1, X2, Y2, Z2, confidence, is_inlier.
 //! Reading only; the bytes come from the caller.
 
-use super::types::{LineCorrespondence, PointCorrespondence};
-use crate::geometry::{CamFromWorld, Camera, CameraModel, Pixel};
+use landline::geometry::{CamFromWorld, Camera, CameraModel, Pixel};
+use landline::pose::{LineCorrespondence, PointCorrespondence};
 use nalgebra::{Matrix3, Vector3};
 
 /// One problem of the file.

@@ -1,10 +1,9 @@
-//! The line segment detector on its own, for pages that want segments and no pose.
+//! The line segment detector on its own.
 
-use crate::error::{Code, js_error};
 use landline::image::GrayView;
 use landline::lsd::{LsdParams, LsdScratch, detect};
 use std::cell::RefCell;
-use wasm_bindgen::JsValue;
+use wasm_bindgen::JsError;
 use wasm_bindgen::prelude::wasm_bindgen;
 
 /// Numbers for each segment in the result of [`detect_segments`].
@@ -19,14 +18,14 @@ thread_local! {
 /// precision, -log10 of the number of false alarms. `stride` counts bytes from row to row.
 ///
 /// # Errors
-/// An `Error` with code `bad-input` when size, stride and buffer disagree.
+/// An `Error` when size, stride and buffer disagree.
 #[wasm_bindgen(js_name = detectSegments)]
 pub fn detect_segments(
     bytes: &[u8],
     width: u32,
     height: u32,
     stride: u32,
-) -> Result<Vec<f64>, JsValue> {
+) -> Result<Vec<f64>, JsError> {
     let gray = GrayView {
         data: bytes,
         width: width as usize,
@@ -35,7 +34,7 @@ pub fn detect_segments(
     };
     SCRATCH.with_borrow_mut(|scratch| {
         let segments = detect(&gray, &LsdParams::default(), scratch)
-            .map_err(|error| js_error(Code::BadInput, &error.to_string()))?;
+            .map_err(|error| JsError::new(&error.to_string()))?;
         let mut numbers = Vec::with_capacity(NUMBERS_PER_SEGMENT * segments.len());
         for s in segments {
             numbers.extend_from_slice(&[

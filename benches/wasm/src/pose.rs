@@ -1,18 +1,17 @@
-//! The pose solver alone, on flat numbers: for callers that bring their own correspondences, and for measurements.
+//! The pose solver alone, on flat numbers.
 //!
 //! Points: u, v, X, Y, Z, confidence, sigma (7 each). Lines: u1, v1, u2, v2, X1, Y1, Z1, X2, Y2, Z2, confidence, sigma (12
 //! each). Pixels are corner-based; sigma is the standard deviation of the world coordinates, 0 when unknown.
 //! Camera: a model name and parameter order of COLMAP. Options: `options` below; a missing or NaN entry keeps the default.
 //! Result: [`RESULT_LEN`] numbers, then one posterior inlier probability for each point and each line.
 
-use crate::error::{Code, js_error};
 use landline::geometry::{Camera, CameraModel, Pixel};
 use landline::pose::{
     Focal, LineCorrespondence, PointCorrespondence, PoseOptions, PoseOutcome, PoseScratch,
     PoseStatus, estimate,
 };
 use nalgebra::Vector3;
-use wasm_bindgen::JsValue;
+use wasm_bindgen::JsError;
 use wasm_bindgen::prelude::wasm_bindgen;
 
 const POINT_STRIDE: usize = 7;
@@ -58,8 +57,8 @@ impl PoseSolver {
         height: u32,
         camera_params: &[f64],
         options: &[f64],
-    ) -> Result<Vec<f64>, JsValue> {
-        let bad = |message: String| js_error(Code::BadInput, &message);
+    ) -> Result<Vec<f64>, JsError> {
+        let bad = |message: String| JsError::new(&message);
         for (name, numbers, stride) in [
             ("points", points, POINT_STRIDE),
             ("lines", lines, LINE_STRIDE),

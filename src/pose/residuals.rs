@@ -202,6 +202,7 @@ mod tests {
                 x: vector(1.0),
                 belief: Belief::from_logit(0.0),
                 sigma: 0.0,
+                sigma_px: 0.0,
                 source: 0,
             };
             let (x1, x2) = (vector(1.0), vector(1.0));
@@ -214,6 +215,7 @@ mod tests {
                 length_px: 1.0,
                 belief: Belief::from_logit(0.0),
                 sigma: 0.0,
+                sigma_px: 0.0,
                 source: 0,
             };
             let (_, z, u) = point(fx, fy, &model, &p).expect("in front");

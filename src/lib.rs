@@ -14,6 +14,7 @@ pub mod math;
 pub mod models;
 pub mod nn;
 pub mod pose;
+pub mod reconstruction;
 pub mod regress;
 pub mod relocalizer;
 pub mod scene_file;

@@ -3,7 +3,7 @@
 //! Positions in a variant go back to the unchanged picture exactly ([`Variant::source_from_variant`]), so camera and pose stay
 //! those of the picture. Outside the picture the nearest border pixel is repeated, so that the border is no edge.
 
-use crate::feature_cache::ImageFeatures;
+use landline::features::{FeatureSet, Keypoint};
 use landline::geometry::Pixel;
 use landline::image::GrayImage;
 use landline::math::Rng;
@@ -109,13 +109,7 @@ impl Variant {
     }
 
     /// Features of the variant as features of the unchanged picture. What lies outside it or near its border is dropped.
-    pub fn to_source(
-        &self,
-        features: &ImageFeatures,
-        width: usize,
-        height: usize,
-    ) -> ImageFeatures {
-        let (d, s) = (features.descriptor_len, features.samples_per_segment());
+    pub fn to_source(&self, features: &FeatureSet, width: usize, height: usize) -> FeatureSet {
         let map = |p: Pixel| self.source_from_variant(p, width, height);
         let inside = |p: Pixel| {
             p.x >= BORDER_PX
@@ -123,17 +117,16 @@ impl Variant {
                 && p.x <= width as f64 - BORDER_PX
                 && p.y <= height as f64 - BORDER_PX
         };
-        let mut out = ImageFeatures {
-            descriptor_len: d,
-            ..ImageFeatures::default()
+        let mut out = FeatureSet {
+            descriptor_channels: features.descriptor_channels,
+            tokens: features.tokens,
+            ..FeatureSet::default()
         };
-        for (i, (pixel, score)) in features.pixels.iter().zip(&features.scores).enumerate() {
-            let pixel = map(*pixel);
-            if inside(pixel) {
-                out.pixels.push(pixel);
-                out.scores.push(*score);
-                out.descriptors_nd
-                    .extend_from_slice(&features.descriptors_nd[i * d..(i + 1) * d]);
+        for (i, keypoint) in features.keypoints.iter().enumerate() {
+            let pixel = map(keypoint.pixel);
+            if let Some(descriptor) = features.descriptor(i).filter(|_| inside(pixel)) {
+                out.keypoints.push(Keypoint { pixel, ..*keypoint });
+                out.descriptors_nd.extend_from_slice(descriptor);
             }
         }
         for (i, segment) in features.segments.iter().enumerate() {
@@ -141,11 +134,10 @@ impl Variant {
             segment.start = map(segment.start);
             segment.end = map(segment.end);
             segment.width_px /= self.scale;
-            if inside(segment.start) && inside(segment.end) {
+            let is_inside = inside(segment.start) && inside(segment.end);
+            if let Some(rows) = features.segment_descriptors(i).filter(|_| is_inside) {
                 out.segments.push(segment);
-                let row = s * d;
-                out.segment_descriptors_nsd
-                    .extend_from_slice(&features.segment_descriptors_nsd[i * row..(i + 1) * row]);
+                out.segment_descriptors_nsd.extend_from_slice(rows);
             }
         }
         out
@@ -266,18 +258,18 @@ mod tests {
 
     #[test]
     fn features_outside_the_picture_are_dropped_with_their_rows() {
-        let features = ImageFeatures {
-            pixels: vec![Pixel::new(2.0, 30.0), Pixel::new(40.0, 30.0)],
-            scores: vec![1.0, 2.0],
-            descriptor_len: 2,
+        let keypoint = |x: f64, score: f32| Keypoint {
+            pixel: Pixel::new(x, 30.0),
+            score,
+        };
+        let features = FeatureSet {
+            keypoints: vec![keypoint(2.0, 1.0), keypoint(40.0, 2.0)],
+            descriptor_channels: 2,
             descriptors_nd: vec![1.0, 0.0, 0.0, 1.0],
-            ..ImageFeatures::default()
+            ..FeatureSet::default()
         };
         let back = Variant::IDENTITY.to_source(&features, 80, 60);
-        assert_eq!(back.pixels, [Pixel::new(40.0, 30.0)]);
-        assert_eq!(
-            (back.scores, back.descriptors_nd),
-            (vec![2.0], vec![0.0, 1.0])
-        );
+        assert_eq!(back.keypoints, [keypoint(40.0, 2.0)]);
+        assert_eq!(back.descriptors_nd, [0.0, 1.0]);
     }
 }

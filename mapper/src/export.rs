@@ -1,8 +1,8 @@
 //! A map as files that other programs open: PLY, OBJ, GLB, COLMAP text.
 
 use crate::files;
-use crate::labels::Labels;
 use landline::geometry::{CamFromWorld, Camera};
+use landline::reconstruction::Reconstruction;
 use landline::scene_file::SceneFile;
 use nalgebra::Vector3;
 use serde_json::json;
@@ -57,36 +57,50 @@ pub fn scene_map(scene: &SceneFile) -> Map {
     map
 }
 
-/// The triangulated tracks of a label file, with its pictures.
-pub fn label_map(labels: &Labels) -> Map {
+/// The tracks of a reconstruction, with its posed views.
+pub fn from_reconstruction(map: &Reconstruction) -> Map {
+    let posed = map
+        .views
+        .iter()
+        .filter_map(|v| Some((v, v.cam_from_world?)));
+    // Views without a pose are left out: observations count the others.
+    let mut place = 0..;
+    let places: Vec<Option<usize>> = map
+        .views
+        .iter()
+        .map(|v| v.cam_from_world.and_then(|_| place.next()))
+        .collect();
     Map {
-        points: labels.points.iter().map(|p| p.point_in_world).collect(),
-        segments: labels
+        points: map.points.iter().map(|p| p.point_in_world).collect(),
+        segments: map
             .lines
             .iter()
             .map(|l| [l.start_in_world, l.end_in_world])
             .collect(),
-        cameras: labels
-            .images
-            .iter()
-            .map(|i| (i.name.clone(), i.camera, i.cam_from_world))
+        cameras: posed
+            .clone()
+            .map(|(v, cam_from_world)| (v.name.clone(), v.camera, cam_from_world))
             .collect(),
-        observations: labels
+        observations: map
             .points
             .iter()
             .map(|p| {
                 p.observations
                     .iter()
-                    .map(|o| (o.image as usize, o.feature as usize))
+                    .filter_map(|o| {
+                        let view = places.get(o.view as usize).copied().flatten()?;
+                        Some((view, o.feature as usize))
+                    })
                     .collect()
             })
             .collect(),
-        keypoints: labels
-            .images
-            .iter()
-            .map(|i| i.pixels.iter().map(|p| [p.x, p.y]).collect())
+        keypoints: posed
+            .map(|(v, _)| {
+                let pixels = v.features.keypoints.iter().map(|k| k.pixel);
+                pixels.map(|p| [p.x, p.y]).collect()
+            })
             .collect(),
-        errors_px: labels
+        errors_px: map
             .points
             .iter()
             .map(|p| f64::from(p.mean_error_px))

@@ -2,7 +2,7 @@
 
 use crate::augment::Variant;
 use crate::dataset::DatasetImage;
-use crate::feature_cache::{FeatureCache, FeatureCacheError, ImageFeatures};
+use crate::feature_cache::{FeatureCache, FeatureCacheError};
 use crate::picture::{self, PictureError};
 use crate::progress::Progress;
 use landline::features::FeatureSet;
@@ -76,7 +76,7 @@ impl Extraction {
     ///
     /// # Errors
     /// When the picture cannot be read or the cache cannot be used.
-    pub fn features(&self, image: &DatasetImage) -> Result<ImageFeatures, ExtractError> {
+    pub fn features(&self, image: &DatasetImage) -> Result<FeatureSet, ExtractError> {
         self.make(&image.name, image, None, |gray| gray)
     }
 
@@ -88,7 +88,7 @@ impl Extraction {
         &self,
         image: &DatasetImage,
         index: usize,
-    ) -> Result<ImageFeatures, ExtractError> {
+    ) -> Result<FeatureSet, ExtractError> {
         let variant = Variant::draw(&image.name, index);
         let name = format!("variants/{index}/{}", image.name);
         let features = self.make(&name, image, None, |gray| variant.apply(&gray))?;
@@ -105,7 +105,7 @@ impl Extraction {
         &self,
         image: &DatasetImage,
         segments: &[[f64; 4]],
-    ) -> Result<ImageFeatures, ExtractError> {
+    ) -> Result<FeatureSet, ExtractError> {
         self.make(&image.name, image, Some(segments), |gray| gray)
     }
 
@@ -116,7 +116,7 @@ impl Extraction {
         image: &DatasetImage,
         segments: Option<&[[f64; 4]]>,
         change: impl FnOnce(GrayImage) -> GrayImage,
-    ) -> Result<ImageFeatures, ExtractError> {
+    ) -> Result<FeatureSet, ExtractError> {
         let cache = match &self.cache {
             None => None,
             Some(cache) => Some(for_content(cache, image, segments)?),
@@ -170,7 +170,7 @@ impl Extraction {
         &self,
         images: &[&DatasetImage],
         progress: Progress,
-    ) -> Result<Vec<ImageFeatures>, ExtractError> {
+    ) -> Result<Vec<FeatureSet>, ExtractError> {
         self.make_all(images, |_| None, progress)
     }
 
@@ -183,7 +183,7 @@ impl Extraction {
         images: &[&DatasetImage],
         segments: &[&[[f64; 4]]],
         progress: Progress,
-    ) -> Result<Vec<ImageFeatures>, ExtractError> {
+    ) -> Result<Vec<FeatureSet>, ExtractError> {
         self.make_all(images, |i| segments.get(i).copied(), progress)
     }
 
@@ -196,7 +196,7 @@ impl Extraction {
         images: &[&DatasetImage],
         count: usize,
         progress: Progress,
-    ) -> Result<Vec<(usize, ImageFeatures)>, ExtractError> {
+    ) -> Result<Vec<(usize, FeatureSet)>, ExtractError> {
         let bar = progress.bar("extracting variants", images.len() * count);
         let features = (0..images.len() * count)
             .into_par_iter()
@@ -215,7 +215,7 @@ impl Extraction {
         images: &[&DatasetImage],
         segments: impl Fn(usize) -> Option<&'a [[f64; 4]]> + Sync,
         progress: Progress,
-    ) -> Result<Vec<ImageFeatures>, ExtractError> {
+    ) -> Result<Vec<FeatureSet>, ExtractError> {
         let bar = progress.bar("extracting features", images.len());
         let features = images
             .par_iter()
@@ -270,7 +270,7 @@ fn run(
     front_end: &mut FrontEnd,
     gray: &GrayImage,
     segments: Option<&[[f64; 4]]>,
-) -> Result<ImageFeatures, FrontEndError> {
+) -> Result<FeatureSet, FrontEndError> {
     let frame = gray.frame();
     match segments {
         None => front_end.run(&frame)?,
@@ -281,7 +281,7 @@ fn run(
     };
     let mut features = front_end.features().clone();
     features.map_pixels(&front_end.working_from_sensor().inverse());
-    Ok(features.into())
+    Ok(features)
 }
 
 /// A segment of which only the ends are known.
@@ -292,39 +292,5 @@ fn segment_from_ends(&[x1, y1, x2, y2]: &[f64; 4]) -> Segment2 {
         width_px: 1.0,
         precision: 0.125,
         neg_log10_nfa: 0.0,
-    }
-}
-
-impl From<FeatureSet> for ImageFeatures {
-    fn from(set: FeatureSet) -> Self {
-        Self {
-            pixels: set.keypoints.iter().map(|k| k.pixel).collect(),
-            scores: set.keypoints.iter().map(|k| k.score).collect(),
-            descriptor_len: set.descriptor_channels,
-            descriptors_nd: set.descriptors_nd,
-            segments: set.segments,
-            segment_descriptors_nsd: set.segment_descriptors_nsd,
-        }
-    }
-}
-
-impl From<ImageFeatures> for FeatureSet {
-    fn from(features: ImageFeatures) -> Self {
-        Self {
-            tokens: features.samples_per_segment(),
-            keypoints: features
-                .pixels
-                .iter()
-                .zip(&features.scores)
-                .map(|(pixel, score)| landline::features::Keypoint {
-                    pixel: *pixel,
-                    score: *score,
-                })
-                .collect(),
-            descriptors_nd: features.descriptors_nd,
-            segments: features.segments,
-            segment_descriptors_nsd: features.segment_descriptors_nsd,
-            descriptor_channels: features.descriptor_len,
-        }
     }
 }

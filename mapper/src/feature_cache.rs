@@ -5,39 +5,13 @@
 
 use crate::files;
 use half::f16;
+use landline::features::{FeatureSet, Keypoint};
 use landline::geometry::{Pixel, Segment2};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 const FORMAT: &str = "landline features 1";
-
-/// Features of one picture in corner-based pixels of the picture as read.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct ImageFeatures {
-    /// Keypoints, ordered by (y, x).
-    pub pixels: Vec<Pixel>,
-    /// Detector scores.
-    pub scores: Vec<f32>,
-    /// Numbers in a descriptor.
-    pub descriptor_len: usize,
-    /// One row a keypoint.
-    pub descriptors_nd: Vec<f32>,
-    /// Detected segments.
-    pub segments: Vec<Segment2>,
-    /// `samples_per_segment` rows a segment, start to end.
-    pub segment_descriptors_nsd: Vec<f32>,
-}
-
-impl ImageFeatures {
-    /// Samples along one segment; 0 without segments.
-    pub fn samples_per_segment(&self) -> usize {
-        self.segment_descriptors_nsd
-            .len()
-            .checked_div(self.segments.len() * self.descriptor_len)
-            .unwrap_or(0)
-    }
-}
 
 /// Why features could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -91,7 +65,7 @@ impl FeatureCache {
     ///
     /// # Errors
     /// When the file is there but damaged or unreadable.
-    pub fn read(&self, name: &str) -> Result<Option<ImageFeatures>, FeatureCacheError> {
+    pub fn read(&self, name: &str) -> Result<Option<FeatureSet>, FeatureCacheError> {
         let path = self.path(name);
         let bytes = match std::fs::read(&path) {
             Ok(bytes) => bytes,
@@ -105,7 +79,7 @@ impl FeatureCache {
     ///
     /// # Errors
     /// When the disk refuses.
-    pub fn write(&self, name: &str, features: &ImageFeatures) -> Result<(), FeatureCacheError> {
+    pub fn write(&self, name: &str, features: &FeatureSet) -> Result<(), FeatureCacheError> {
         let path = self.path(name);
         let damaged = |what: String| FeatureCacheError::Damaged {
             path: path.clone(),
@@ -121,17 +95,16 @@ impl FeatureCache {
     }
 }
 
-fn encode(features: &ImageFeatures, maker: &str) -> Result<Vec<u8>, safetensors::SafeTensorError> {
+fn encode(features: &FeatureSet, maker: &str) -> Result<Vec<u8>, safetensors::SafeTensorError> {
     let (n, m, d) = (
-        features.pixels.len(),
+        features.keypoints.len(),
         features.segments.len(),
-        features.descriptor_len,
+        features.descriptor_channels,
     );
     let keypoints: Vec<u8> = features
-        .pixels
+        .keypoints
         .iter()
-        .zip(&features.scores)
-        .flat_map(|(p, s)| [p.x as f32, p.y as f32, *s])
+        .flat_map(|k| [k.pixel.x as f32, k.pixel.y as f32, k.score])
         .flat_map(f32::to_le_bytes)
         .collect();
     let halves = |values: &[f32]| -> Vec<u8> {
@@ -158,7 +131,7 @@ fn encode(features: &ImageFeatures, maker: &str) -> Result<Vec<u8>, safetensors:
         })
         .flat_map(f64::to_le_bytes)
         .collect();
-    let rows = m * features.samples_per_segment();
+    let rows = m * features.tokens;
     let tensors = [
         (
             "keypoints",
@@ -180,11 +153,12 @@ fn encode(features: &ImageFeatures, maker: &str) -> Result<Vec<u8>, safetensors:
     let metadata = HashMap::from([
         ("format".to_owned(), FORMAT.to_owned()),
         ("extractor".to_owned(), maker.to_owned()),
+        ("tokens".to_owned(), features.tokens.to_string()),
     ]);
     serialize(tensors, Some(metadata))
 }
 
-fn decode(bytes: &[u8], maker: &str) -> Result<Option<ImageFeatures>, String> {
+fn decode(bytes: &[u8], maker: &str) -> Result<Option<FeatureSet>, String> {
     let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|e| e.to_string())?;
     let entries = metadata.metadata().clone().unwrap_or_default();
     let is = |key: &str, value: &str| entries.get(key).is_some_and(|v| v == value);
@@ -227,32 +201,48 @@ fn decode(bytes: &[u8], maker: &str) -> Result<Option<ImageFeatures>, String> {
         .iter()
         .map(|b| f64::from_le_bytes(*b))
         .collect();
-    let features = ImageFeatures {
-        pixels: triples
-            .iter()
-            .map(|[x, y, _]| Pixel::new(f64::from(*x), f64::from(*y)))
-            .collect(),
-        scores: triples.iter().map(|[_, _, s]| *s).collect(),
-        descriptor_len: shape.last().copied().unwrap_or(0),
-        descriptors_nd: halves(descriptors),
-        segments: segments
-            .as_chunks::<7>()
-            .0
-            .iter()
-            .map(
-                |&[x1, y1, x2, y2, width_px, precision, neg_log10_nfa]| Segment2 {
-                    start: Pixel::new(x1, y1),
-                    end: Pixel::new(x2, y2),
-                    width_px,
-                    precision,
-                    neg_log10_nfa,
-                },
-            )
-            .collect(),
-        segment_descriptors_nsd: halves(segment_descriptors),
+    let d = shape.last().copied().unwrap_or(0);
+    let segments: Vec<Segment2> = segments
+        .as_chunks::<7>()
+        .0
+        .iter()
+        .map(
+            |&[x1, y1, x2, y2, width_px, precision, neg_log10_nfa]| Segment2 {
+                start: Pixel::new(x1, y1),
+                end: Pixel::new(x2, y2),
+                width_px,
+                precision,
+                neg_log10_nfa,
+            },
+        )
+        .collect();
+    let segment_descriptors_nsd = halves(segment_descriptors);
+    // Files that do not say it have it in the number of rows.
+    let tokens = match entries.get("tokens") {
+        Some(text) => text
+            .parse()
+            .map_err(|_| format!("`tokens` is {text:?}, which is no number"))?,
+        None => segment_descriptors_nsd
+            .len()
+            .checked_div(segments.len() * d)
+            .unwrap_or(0),
     };
-    let (n, d) = (features.pixels.len(), features.descriptor_len);
-    let rows = features.segments.len() * features.samples_per_segment();
+    let features = FeatureSet {
+        keypoints: triples
+            .iter()
+            .map(|[x, y, score]| Keypoint {
+                pixel: Pixel::new(f64::from(*x), f64::from(*y)),
+                score: *score,
+            })
+            .collect(),
+        descriptors_nd: halves(descriptors),
+        segments,
+        segment_descriptors_nsd,
+        descriptor_channels: d,
+        tokens,
+    };
+    let n = features.keypoints.len();
+    let rows = features.segments.len() * features.tokens;
     if features.descriptors_nd.len() != n * d || features.segment_descriptors_nsd.len() != rows * d
     {
         return Err(format!(
@@ -273,10 +263,15 @@ mod tests {
     fn features_survive_the_disk_and_others_are_made_again() {
         let folder = std::env::temp_dir().join(format!("landline-cache-{}", std::process::id()));
         let cache = FeatureCache::new(&folder, "a");
-        let features = ImageFeatures {
-            pixels: vec![Pixel::new(0.5, 1.25), Pixel::new(3.0, 2.0)],
-            scores: vec![0.5, 0.25],
-            descriptor_len: 2,
+        let features = FeatureSet {
+            keypoints: [(0.5, 1.25, 0.5), (3.0, 2.0, 0.25)]
+                .map(|(x, y, score)| Keypoint {
+                    pixel: Pixel::new(x, y),
+                    score,
+                })
+                .to_vec(),
+            descriptor_channels: 2,
+            tokens: 12,
             descriptors_nd: vec![1.0, 0.0, 0.0, -1.0],
             segments: vec![Segment2 {
                 start: Pixel::new(1.0, 2.0),

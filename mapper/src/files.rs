@@ -12,6 +12,19 @@ pub fn write_atomic(
     path: &Path,
     fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> io::Result<()> {
+    write_at_once(path, |temporary| {
+        let mut out = BufWriter::new(File::create(temporary)?);
+        fill(&mut out)?;
+        out.into_inner().map_err(io::IntoInnerError::into_error)?;
+        Ok(())
+    })
+}
+
+/// [`write_atomic`] where the writer wants a path: `fill` makes the file that it is given.
+///
+/// # Errors
+/// Of the operating system or of `fill`, with the path in the text.
+pub fn write_at_once(path: &Path, fill: impl FnOnce(&Path) -> io::Result<()>) -> io::Result<()> {
     let named = |e: io::Error| io::Error::new(e.kind(), format!("writing {}: {e}", path.display()));
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -22,11 +35,8 @@ pub fn write_atomic(
     temporary_name.push(format!(".{}.partial", std::process::id()));
     let temporary = folder.join(temporary_name);
     let outcome = (|| {
-        let mut out = BufWriter::new(File::create(&temporary)?);
-        fill(&mut out)?;
-        out.into_inner()
-            .map_err(io::IntoInnerError::into_error)?
-            .sync_all()?;
+        fill(&temporary)?;
+        File::open(&temporary)?.sync_all()?;
         fs::rename(&temporary, path)
     })();
     outcome.map_err(|e| {

@@ -17,7 +17,6 @@ pub mod picture;
 mod plot;
 pub mod progress;
 pub mod scene;
-pub mod tracks;
 #[cfg(feature = "train")]
 pub mod train;
 pub mod weights;

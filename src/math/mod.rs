@@ -1,9 +1,10 @@
-//! Numbers without meaning: polynomial roots, robust statistics, the seeded generator, the software libm.
+//! Numbers without meaning: polynomial roots, robust statistics, the seeded generator, the software libm, a parallel loop.
 //!
 //! Input and output are plain `f64`; no spaces, no units.
-//! Nothing here allocates, reads a clock or depends on the target: native and wasm give the same bits.
+//! Nothing here but [`parallel`] allocates; nothing reads a clock or depends on the target: native and wasm give the same bits.
 
 pub mod elementary;
+pub mod parallel;
 pub mod poly;
 pub mod precise;
 mod rng;

@@ -100,10 +100,10 @@ pub fn run(args: Args) -> Result<()> {
     let landmarks = labels.as_ref().map(|labels| {
         let most = args
             .landmarks
-            .unwrap_or_else(|| baseline_size(num_bytes, labels.descriptor_len));
-        Landmarks::from_labels(labels, most)
+            .unwrap_or_else(|| baseline_size(num_bytes, labels.map.descriptor_channels()));
+        Landmarks::from_map(&labels.map, most)
     });
-    let lines = labels.as_ref().map(LineTruth::from_labels);
+    let lines = labels.as_ref().map(|l| LineTruth::from_map(&l.map));
     let change = |options: &mut RelocalizerOptions| {
         let live = &mut options.live;
         live.max_points = args.max_points.unwrap_or(live.max_points);

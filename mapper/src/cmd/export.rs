@@ -1,6 +1,8 @@
 //! `landline export`: a map for other programs.
 
-use crate::export::{label_map, scene_map, write_colmap, write_glb, write_obj, write_ply};
+use crate::export::{
+    from_reconstruction, scene_map, write_colmap, write_glb, write_obj, write_ply,
+};
 use crate::labels::Labels;
 use crate::scene::read_scene;
 use anyhow::{Context, Result, bail, ensure};
@@ -49,7 +51,7 @@ pub fn run(args: Args) -> Result<()> {
         );
         map
     } else {
-        label_map(&Labels::read(&args.map)?)
+        from_reconstruction(&Labels::read(&args.map)?.map)
     };
     println!(
         "{} points, {} segments, {} cameras",

@@ -39,7 +39,7 @@ pub fn run(args: Args) -> Result<()> {
     let origin = Origin {
         source: format!(
             "{} pictures, {}",
-            taught.labels.images.len(),
+            taught.labels.map.views.len(),
             taught.dataset.format
         ),
         licence: args.licence.clone(),

@@ -5,7 +5,7 @@
 
 use crate::cmd::train::{TrainingArgs, print_summary};
 use crate::dataset::{DatasetImage, Split};
-use crate::feature_cache::{FeatureCache, ImageFeatures};
+use crate::feature_cache::FeatureCache;
 use crate::files;
 use crate::labels::{LabelParams, Labels, build};
 use crate::progress::Progress;
@@ -124,7 +124,7 @@ fn features_of_walk(
     room: &Room,
     walk: &[View],
     extractor: &ExtractorFile,
-) -> Result<Vec<ImageFeatures>> {
+) -> Result<Vec<FeatureSet>> {
     let options = FrontEndOptions::new(extractor.kind);
     let maker = format!(
         "sample room {} {} {} {options:?}",
@@ -149,8 +149,8 @@ fn features_of_walk(
                     ..RenderOptions::default()
                 };
                 let picture = room.render(&view.camera, &view.cam_from_world, &taken);
-                let set = front_end.run(&frame(&picture))?.clone();
-                let features = in_sensor_pixels(set, &front_end);
+                let mut features = front_end.run(&frame(&picture))?.clone();
+                features.map_pixels(&front_end.working_from_sensor().inverse());
                 cache.write(&name, &features)?;
                 features
             }
@@ -162,32 +162,21 @@ fn features_of_walk(
     Ok(all)
 }
 
-fn in_sensor_pixels(mut set: FeatureSet, front_end: &FrontEnd) -> ImageFeatures {
-    set.map_pixels(&front_end.working_from_sensor().inverse());
-    ImageFeatures {
-        pixels: set.keypoints.iter().map(|k| k.pixel).collect(),
-        scores: set.keypoints.iter().map(|k| k.score).collect(),
-        descriptor_len: set.descriptor_channels,
-        descriptors_nd: set.descriptors_nd,
-        segments: set.segments,
-        segment_descriptors_nsd: set.segment_descriptors_nsd,
-    }
-}
-
 /// Replaces triangulated points by the exact ones: the median over a track's observations of what the room has behind each
-/// pixel. Observations that look at something else lose their target, tracks without two are left as triangulated.
+/// pixel. Observations that look at something else are dropped, tracks without two are left as triangulated.
 fn make_exact(room: &Room, labels: &mut Labels) -> String {
     const SAME_PLACE_M: f64 = 0.03;
     let mut errors = Vec::new();
     let mut strays = 0usize;
-    for (t, track) in labels.points.iter_mut().enumerate() {
+    let map = &mut labels.map;
+    for track in &mut map.points {
         let seen: Vec<Option<Vector3<f64>>> = track
             .observations
             .iter()
             .map(|o| {
-                let image = &labels.images[o.image as usize];
-                let pixel = image.pixels[o.feature as usize];
-                room.point_at(&image.camera, &image.cam_from_world, pixel)
+                let view = map.views.get(o.view as usize)?;
+                let keypoint = view.features.keypoints.get(o.feature as usize)?;
+                room.point_at(&view.camera, &view.cam_from_world?, keypoint.pixel)
             })
             .collect();
         let axis = |i: usize| {
@@ -206,15 +195,9 @@ fn make_exact(room: &Room, labels: &mut Labels) -> String {
         }
         errors.push((track.point_in_world - exact).norm());
         track.point_in_world = exact;
-        track.observations.retain(|o| {
+        track.observations.retain(|_| {
             let kept = keep.next().unwrap_or(false);
-            if !kept {
-                strays += 1;
-                let target = &mut labels.images[o.image as usize].point_targets[o.feature as usize];
-                if *target == Some(t as u32) {
-                    *target = None;
-                }
-            }
+            strays += usize::from(!kept);
             kept
         });
     }
@@ -222,7 +205,7 @@ fn make_exact(room: &Room, labels: &mut Labels) -> String {
     let median = landline::math::stats::median_in_place(&mut errors).unwrap_or(0.0);
     format!(
         "exact points       {count} of {}; triangulation was {:.2} cm off in the median; {strays} observations dropped",
-        labels.points.len(),
+        map.points.len(),
         100.0 * median
     )
 }

@@ -1,10 +1,10 @@
 //! The nearest-landmark baseline: mean descriptors of the best tracks, stored as a scene file of the same size could store
 //! them (8-bit descriptors, 16-bit positions), matched by nearest neighbour with a ratio test, solved by the same solver.
 
-use crate::labels::Labels;
 use half::f16;
 use landline::features::FeatureSet;
 use landline::pose::PointCorrespondence;
+use landline::reconstruction::Reconstruction;
 use nalgebra::{DMatrix, Vector3};
 
 /// Largest distance (1 - cosine) to the nearest landmark, relative to that of the second.
@@ -25,18 +25,18 @@ pub struct Landmarks {
 }
 
 impl Landmarks {
-    /// The best tracks ([`Labels::landmarks`]), rounded as they would be stored.
-    pub fn from_labels(labels: &Labels, most: usize) -> Self {
-        let order = labels.landmarks(most);
-        let d = labels.descriptor_len;
+    /// The best tracks ([`Reconstruction::landmarks`]), rounded as they would be stored.
+    pub fn from_map(map: &Reconstruction, most: usize) -> Self {
+        let order = map.landmarks(most);
+        let d = map.descriptor_channels();
         let mut middle = Vector3::zeros();
         for i in &order {
-            middle += labels.points[*i].point_in_world / order.len() as f64;
+            middle += map.points[*i].point_in_world / order.len() as f64;
         }
         let mut descriptors_dn = DMatrix::zeros(d, order.len());
         let mut points_in_world = Vec::with_capacity(order.len());
         for (column, i) in order.iter().enumerate() {
-            let track = &labels.points[*i];
+            let track = &map.points[*i];
             let largest = track.descriptor.iter().fold(0f32, |m, v| m.max(v.abs()));
             let step = if largest > 0.0 { largest / 127.0 } else { 1.0 };
             for (row, v) in track.descriptor.iter().enumerate() {
@@ -109,45 +109,39 @@ impl Landmarks {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::labels::{LabelledImage, Observation, PointTrack};
     use landline::features::Keypoint;
     use landline::geometry::{CamFromWorld, Camera, Pixel};
+    use landline::reconstruction::{Observation, PointTrack, View};
 
     #[test]
     fn keeps_the_best_tracks_and_refuses_unclear_matches() {
-        let track = |x: f64, descriptor: Vec<f32>, n: u32| PointTrack {
-            point_in_world: Vector3::new(x, 0.0, 2.0),
-            observations: (0..n)
-                .map(|image| Observation { image, feature: 0 })
-                .collect(),
+        let track = |x: f64, descriptor: Vec<f32>, n: usize| PointTrack {
             descriptor,
             mean_error_px: 1.0,
+            ..PointTrack::new(
+                Vector3::new(x, 0.0, 2.0),
+                (0..n).map(|view| Observation::new(view, 0)).collect(),
+            )
         };
-        let labels = Labels {
-            descriptor_len: 3,
+        let view = View {
+            name: String::new(),
+            camera: Camera::centered(4, 4, 4.0),
+            cam_from_world: Some(CamFromWorld::identity()),
+            features: FeatureSet {
+                descriptor_channels: 3,
+                ..FeatureSet::default()
+            },
+        };
+        let map = Reconstruction {
             points: vec![
                 track(0.0, vec![1.0, 0.0, 0.0], 3),
                 track(1.0, vec![0.0, 1.0, 0.0], 9),
                 track(2.0, vec![0.0, 0.6, 0.8], 5),
             ],
-            images: vec![
-                LabelledImage {
-                    name: String::new(),
-                    camera: Camera::centered(4, 4, 4.0),
-                    cam_from_world: CamFromWorld::identity(),
-                    pixels: Vec::new(),
-                    scores: Vec::new(),
-                    descriptors_nd: Vec::new(),
-                    point_targets: Vec::new(),
-                    segments: Vec::new(),
-                    segment_descriptors_nsd: Vec::new(),
-                    segment_targets: Vec::new(),
-                };
-                9
-            ],
-            ..Labels::default()
+            views: vec![view; 9],
+            ..Reconstruction::default()
         };
-        let landmarks = Landmarks::from_labels(&labels, 2);
+        let landmarks = Landmarks::from_map(&map, 2);
         assert_eq!(landmarks.len(), 2);
         let features = FeatureSet {
             keypoints: [1.5, 2.5, 3.5]

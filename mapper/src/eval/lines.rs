@@ -4,12 +4,11 @@
 //! the picture, under its true pose: the line must project onto the segment, and look like it. The predicted segment is
 //! then compared with that very line in space, not with the nearest one.
 
-use crate::feature_cache::ImageFeatures;
-use crate::labels::Labels;
-use crate::tracks::{KnownLine, LineParams, View, assign_segments};
+use landline::features::FeatureSet;
 use landline::geometry::{CamFromWorld, Camera};
 use landline::pose::LineCorrespondence;
-use nalgebra::{DVector, Vector3};
+use landline::reconstruction::{KnownLine, LineParams, PosedView, Reconstruction, assign_segments};
+use nalgebra::Vector3;
 use serde::Serialize;
 
 /// A predicted segment is right when both ends lie this near the true infinite line, in world units ...
@@ -74,26 +73,28 @@ impl std::fmt::Display for LineAccuracy {
 }
 
 impl LineTruth {
-    /// The lines of labels, with what they look like and from where they were seen.
-    pub fn from_labels(labels: &Labels) -> Self {
-        let center = |image: u32| {
-            labels
-                .images
-                .get(image as usize)
-                .map(|i| i.cam_from_world.center_in_world())
+    /// The lines of a map, with what they look like and from where they were seen.
+    pub fn from_map(map: &Reconstruction) -> Self {
+        let center = |view: u32| {
+            Some(
+                map.views
+                    .get(view as usize)?
+                    .cam_from_world?
+                    .center_in_world(),
+            )
         };
         Self {
-            lines: labels
+            lines: map
                 .lines
                 .iter()
                 .map(|line| KnownLine {
                     start_in_world: line.start_in_world,
                     end_in_world: line.end_in_world,
-                    descriptor: DVector::from_column_slice(&line.descriptor),
+                    descriptor: line.descriptor.clone(),
                     seen_from: line
                         .observations
                         .iter()
-                        .filter_map(|o| center(o.image))
+                        .filter_map(|o| center(o.view))
                         .collect(),
                 })
                 .collect(),
@@ -106,14 +107,14 @@ impl LineTruth {
         &self,
         camera: Camera,
         truth: CamFromWorld,
-        features: &ImageFeatures,
+        features: &FeatureSet,
         predicted: &[(LineCorrespondence, bool)],
     ) -> LineAccuracy {
         let mut accuracy = LineAccuracy {
             num_predicted: predicted.len(),
             ..LineAccuracy::default()
         };
-        let view = View::new(camera, truth, features);
+        let view = PosedView::new(camera, truth, features);
         let shown = assign_segments(&view, &self.lines, &self.params, |_| true);
         for (line, agrees) in predicted {
             // The same segment, found by its ends.
@@ -153,8 +154,8 @@ fn is_on_line([p, q]: [Vector3<f64>; 2], [a, b]: [Vector3<f64>; 2]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::labels::{LabelledImage, LineTrack, Observation};
     use landline::geometry::Segment2;
+    use landline::reconstruction::{LineTrack, Observation, View};
 
     fn at(x: f64, y: f64, z: f64) -> Vector3<f64> {
         Vector3::new(x, y, z)
@@ -175,32 +176,22 @@ mod tests {
         let camera = Camera::centered(640, 480, 500.0);
         // Two lines that cover each other in the picture of a camera at the origin, at depths 2 and 4; they look different.
         let line = |depth: f64, descriptor: [f32; 2]| LineTrack {
-            start_in_world: at(-0.1 * depth, 0.0, depth),
-            end_in_world: at(0.1 * depth, 0.0, depth),
-            observations: vec![Observation {
-                image: 0,
-                feature: 0,
-            }],
             descriptor: descriptor.to_vec(),
             mean_error_px: 0.5,
+            ..LineTrack::new(
+                [at(-0.1 * depth, 0.0, depth), at(0.1 * depth, 0.0, depth)],
+                vec![Observation::new(0, 0)],
+            )
         };
-        let labels = Labels {
-            descriptor_len: 2,
-            samples_per_segment: 2,
+        let map = Reconstruction {
             lines: vec![line(2.0, [1.0, 0.0]), line(4.0, [0.0, 1.0])],
-            images: vec![LabelledImage {
+            views: vec![View {
                 name: String::new(),
                 camera,
-                cam_from_world: CamFromWorld::identity(),
-                pixels: Vec::new(),
-                scores: Vec::new(),
-                descriptors_nd: Vec::new(),
-                point_targets: Vec::new(),
-                segments: Vec::new(),
-                segment_descriptors_nsd: Vec::new(),
-                segment_targets: Vec::new(),
+                cam_from_world: Some(CamFromWorld::identity()),
+                features: FeatureSet::default(),
             }],
-            ..Labels::default()
+            ..Reconstruction::default()
         };
         let segment = Segment2 {
             start: landline::geometry::Pixel::new(270.0, 240.0),
@@ -209,11 +200,12 @@ mod tests {
             precision: 0.125,
             neg_log10_nfa: 5.0,
         };
-        let features = ImageFeatures {
-            descriptor_len: 2,
+        let features = FeatureSet {
+            descriptor_channels: 2,
+            tokens: 2,
             segments: vec![segment],
             segment_descriptors_nsd: vec![0.0, 1.0, 0.0, 1.0],
-            ..ImageFeatures::default()
+            ..FeatureSet::default()
         };
         let predicted = |depth: f64| LineCorrespondence {
             start: segment.start,
@@ -224,7 +216,7 @@ mod tests {
             sigma_m: 0.0,
             sigma_px: 0.0,
         };
-        let truth = LineTruth::from_labels(&labels);
+        let truth = LineTruth::from_map(&map);
         let counts = |depth: f64| {
             let found = truth.compare(
                 camera,

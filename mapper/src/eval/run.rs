@@ -7,8 +7,8 @@ use super::lines::{LineAccuracy, LineTruth};
 use super::{Comparison, PoseError, Summary};
 use crate::dataset::DatasetImage;
 use crate::extract::{ExtractError, Extraction};
-use crate::feature_cache::ImageFeatures;
 use crate::picture::{self, PictureError};
+use landline::features::FeatureSet;
 use landline::geometry::CamFromWorld;
 use landline::image::{FrameView, PixelFormat};
 use landline::math::stats::median_in_place;
@@ -285,7 +285,7 @@ impl<'a> Evaluator<'a> {
         let (solver, max_side) = (&options.live.pose, options.front_end.max_side);
         let options = solver_options(solver, max_side, frame.width, frame.height);
         let wants_features = self.options.baseline.is_some() || self.options.lines.is_some();
-        let features: Option<ImageFeatures> = match self.options.extraction {
+        let features: Option<FeatureSet> = match self.options.extraction {
             Some(extraction) if wants_features => Some(extraction.features(image)?),
             _ => None,
         };
@@ -296,7 +296,7 @@ impl<'a> Evaluator<'a> {
             _ => None,
         };
         let landmarks = match (self.options.baseline, features) {
-            (Some(landmarks), Some(features)) => Some(landmarks.correspond(&features.into())),
+            (Some(landmarks), Some(features)) => Some(landmarks.correspond(&features)),
             _ => None,
         };
         methods.push(self.solve(image, &truth, &points, &[], &options)?);

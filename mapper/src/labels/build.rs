@@ -1,17 +1,15 @@
 //! Labels without outside tools: from pictures with poses and features to tracks and targets.
 
-use super::{Imported, LabelledImage, Labels, LineTrack, Observation, PointTrack, SegmentTarget};
+use super::{Imported, Labels, MAX_DISTANCE_PX, line_tracks_from_map, point_tracks_from_model};
 use crate::dataset::DatasetImage;
-use crate::feature_cache::ImageFeatures;
 use crate::progress::Progress;
-use crate::tracks::{
-    Bundle, LineParams, MAX_DISTANCE_PX, MatchParams, Misreading, PairParams, PointParams,
-    SegmentTrack, Track, View, build_line_tracks, build_point_tracks, check_convention,
-    choose_pairs, line_pairs, line_residuals, line_tracks_from_map, match_pairs, mean_descriptor,
-    mean_segment_descriptor, point_tracks_from_model, probe_depth,
-};
-use landline::geometry::CamFromWorld;
+use landline::features::FeatureSet;
 use landline::math::stats::median_in_place;
+use landline::reconstruction::{
+    LineParams, LineTrack, MatchParams, Misreading, PairParams, PointParams, PointTrack, PosedView,
+    Reconstruction, View, build_line_tracks, build_point_tracks, check_convention, choose_pairs,
+    line_pairs, match_pairs, probe_depth,
+};
 
 /// Every setting of the stage.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -111,7 +109,7 @@ pub struct LabelStats {
 /// With fewer than two pictures, or when nothing can be triangulated.
 pub fn build(
     images: &[&DatasetImage],
-    features: Vec<ImageFeatures>,
+    features: Vec<FeatureSet>,
     extractor: &str,
     params: &LabelParams,
     progress: &Progress,
@@ -126,25 +124,28 @@ pub fn build(
 /// As [`build`], and when imported points do not fit the keypoints.
 pub fn build_from(
     images: &[&DatasetImage],
-    features: Vec<ImageFeatures>,
+    features: Vec<FeatureSet>,
     extractor: &str,
     imported: &Imported,
     params: &LabelParams,
     progress: &Progress,
 ) -> Result<(Labels, LabelStats), LabelError> {
-    let posed: Vec<(&DatasetImage, CamFromWorld, ImageFeatures)> = images
+    let views: Vec<View> = images
         .iter()
         .zip(features)
-        .filter_map(|(image, f)| image.cam_from_world.map(|pose| (*image, pose, f)))
+        .filter(|(image, _)| image.cam_from_world.is_some())
+        .map(|(image, features)| View {
+            name: image.name.clone(),
+            camera: image.camera,
+            cam_from_world: image.cam_from_world,
+            features,
+        })
         .collect();
+    let posed: Vec<PosedView<'_>> = views.iter().filter_map(View::posed).collect();
     if posed.len() < 2 {
         return Err(LabelError::TooFewPictures(posed.len()));
     }
-    let views: Vec<View> = posed
-        .iter()
-        .map(|(image, pose, f)| View::new(image.camera, *pose, f))
-        .collect();
-    if let Some(check) = check_convention(&views, 40, params.matches.min_cosine)
+    if let Some(check) = check_convention(&posed, 40, params.matches.min_cosine)
         && let Some(misreading) = check.misreading()
     {
         return Err(LabelError::PoseConvention {
@@ -154,116 +155,64 @@ pub fn build_from(
         });
     }
     let mut stats = LabelStats::default();
-    let tracks = point_tracks(&views, imported, params, progress, &mut stats)?;
-    let line_tracks = line_tracks(&views, imported, params, progress, &stats);
-
-    let bundle = Bundle { views: &views };
-    stats.num_points = tracks.len();
-    let mut point_targets: Vec<Vec<Option<u32>>> =
-        views.iter().map(|v| vec![None; v.planar.len()]).collect();
-    let mut points = Vec::with_capacity(tracks.len());
-    let mut num_observations = 0usize;
-    let mut error_sum = 0.0;
-    for (t, track) in tracks.iter().enumerate() {
-        let mut sum = 0.0;
-        for &(view, keypoint) in &track.observations {
-            point_targets[view as usize][keypoint as usize] = Some(t as u32);
-            sum += bundle.error_px((view, keypoint), &track.point_in_world);
-        }
-        num_observations += track.observations.len();
-        error_sum += sum;
-        points.push(PointTrack {
-            point_in_world: track.point_in_world,
-            observations: track
-                .observations
-                .iter()
-                .map(|&(image, feature)| Observation { image, feature })
-                .collect(),
-            descriptor: mean_descriptor(&views, &track.observations)
-                .as_slice()
-                .to_vec(),
-            mean_error_px: (sum / track.observations.len() as f64) as f32,
-        });
-    }
-    stats.mean_track_length = num_observations as f64 / tracks.len() as f64;
-    stats.mean_error_px = error_sum / num_observations as f64;
-    stats.labelled_keypoints = num_observations as f64 / views.len() as f64;
-    stats.keypoints =
-        views.iter().map(|v| v.planar.len()).sum::<usize>() as f64 / views.len() as f64;
-
-    let mut segment_targets: Vec<Vec<Option<SegmentTarget>>> = views
-        .iter()
-        .map(|v| vec![None; v.segment_ends.len()])
-        .collect();
-    let mut lines = Vec::with_capacity(line_tracks.len());
-    let mut num_seen = 0usize;
-    let mut line_error_sum = 0.0;
-    for (t, track) in line_tracks.iter().enumerate() {
-        let (error, reversed) = line_residuals(&views, track);
-        for (&(view, segment), reversed) in track.observations.iter().zip(reversed) {
-            segment_targets[view as usize][segment as usize] = Some(SegmentTarget {
-                track: t as u32,
-                reversed,
-            });
-        }
-        num_seen += track.observations.len();
-        line_error_sum += error * track.observations.len() as f64;
-        lines.push(LineTrack {
-            start_in_world: track.start_in_world,
-            end_in_world: track.end_in_world,
-            observations: track
-                .observations
-                .iter()
-                .map(|&(image, feature)| Observation { image, feature })
-                .collect(),
-            descriptor: mean_segment_descriptor(&views, &track.observations)
-                .as_slice()
-                .to_vec(),
-            mean_error_px: error as f32,
-        });
-    }
-    stats.num_lines = lines.len();
-    stats.labelled_segments = num_seen as f64 / views.len() as f64;
-    stats.segments =
-        views.iter().map(|v| v.segment_ends.len()).sum::<usize>() as f64 / views.len() as f64;
-    stats.mean_line_error_px = line_error_sum / num_seen.max(1) as f64;
-
-    let mut labels = Labels {
-        lines,
-        extractor: extractor.to_owned(),
+    let points = point_tracks(&posed, imported, params, progress, &mut stats)?;
+    let lines = line_tracks(&posed, imported, params, progress, &stats);
+    drop(posed);
+    let map = Reconstruction {
+        views,
         points,
-        ..Labels::default()
+        lines,
     };
-    for ((image, cam_from_world, f), (point_targets, segment_targets)) in posed
-        .into_iter()
-        .zip(point_targets.into_iter().zip(segment_targets))
-    {
-        labels.descriptor_len = f.descriptor_len;
-        labels.samples_per_segment = labels.samples_per_segment.max(f.samples_per_segment());
-        labels.images.push(LabelledImage {
-            name: image.name.clone(),
-            camera: image.camera,
-            cam_from_world,
-            pixels: f.pixels,
-            scores: f.scores,
-            descriptors_nd: f.descriptors_nd,
-            point_targets,
-            segments: f.segments,
-            segment_descriptors_nsd: f.segment_descriptors_nsd,
-            segment_targets,
-        });
-    }
+    stats.count(&map);
+    let labels = Labels {
+        extractor: extractor.to_owned(),
+        map,
+        variants: Vec::new(),
+    };
     Ok((labels, stats))
+}
+
+impl LabelStats {
+    /// Fills in what the tracks say.
+    fn count(&mut self, map: &Reconstruction) {
+        let num_views = map.views.len().max(1) as f64;
+        let per_view = |of: fn(&FeatureSet) -> usize| {
+            map.views.iter().map(|v| of(&v.features)).sum::<usize>() as f64 / num_views
+        };
+        let points = map.points.iter();
+        let (seen, error) = seen(points.map(|p| (p.observations.len(), p.mean_error_px)));
+        self.num_points = map.points.len();
+        self.mean_track_length = seen / map.points.len().max(1) as f64;
+        self.mean_error_px = error;
+        self.labelled_keypoints = seen / num_views;
+        self.keypoints = per_view(|f| f.keypoints.len());
+        let lines = map.lines.iter();
+        let (seen, error) = self::seen(lines.map(|l| (l.observations.len(), l.mean_error_px)));
+        self.num_lines = map.lines.len();
+        self.mean_line_error_px = error;
+        self.labelled_segments = seen / num_views;
+        self.segments = per_view(|f| f.segments.len());
+    }
+}
+
+/// Observations of all tracks, and their mean error.
+fn seen(tracks: impl Iterator<Item = (usize, f32)>) -> (f64, f64) {
+    let (mut num, mut sum) = (0.0, 0.0);
+    for (n, mean) in tracks {
+        num += n as f64;
+        sum += n as f64 * f64::from(mean);
+    }
+    (num, sum / f64::max(num, 1.0))
 }
 
 /// Point tracks, imported or triangulated; fills in depth and pairs.
 fn point_tracks(
-    views: &[View],
+    views: &[PosedView<'_>],
     imported: &Imported,
     params: &LabelParams,
     progress: &Progress,
     stats: &mut LabelStats,
-) -> Result<Vec<Track>, LabelError> {
+) -> Result<Vec<PointTrack>, LabelError> {
     let no_overlap = |what: String| LabelError::NoOverlap {
         num_pictures: views.len(),
         what,
@@ -310,12 +259,12 @@ fn point_tracks(
 
 /// Line tracks, imported or triangulated.
 fn line_tracks(
-    views: &[View],
+    views: &[PosedView<'_>],
     imported: &Imported,
     params: &LabelParams,
     progress: &Progress,
     stats: &LabelStats,
-) -> Vec<SegmentTrack> {
+) -> Vec<LineTrack> {
     if let Some(lines) = &imported.lines {
         return line_tracks_from_map(views, lines);
     }
@@ -327,10 +276,10 @@ fn line_tracks(
 }
 
 /// Median depth of tracks in the views that see them.
-fn depth_of(views: &[View], tracks: &[Track]) -> Option<f64> {
+fn depth_of(views: &[PosedView<'_>], tracks: &[PointTrack]) -> Option<f64> {
     let mut depths: Vec<f64> = tracks
         .iter()
-        .flat_map(|t| t.observations.iter().map(move |(v, _)| (t, *v)))
+        .flat_map(|t| t.observations.iter().map(move |o| (t, o.view)))
         .filter_map(|(t, v)| {
             let view = views.get(v as usize)?;
             Some(view.cam_from_world.transform_point(&t.point_in_world).z)

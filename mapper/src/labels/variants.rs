@@ -1,8 +1,9 @@
 //! Labels of image-space variants: features are detected again and associated with the tracks that the picture sees.
 
-use super::{LabelledImage, LabelledVariant, Labels, SegmentTarget};
-use crate::feature_cache::ImageFeatures;
+use super::{LabelledVariant, Labels};
+use landline::features::FeatureSet;
 use landline::geometry::{Pixel, Segment2};
+use landline::reconstruction::{Reconstruction, SegmentTarget, View, ViewTargets};
 
 /// A keypoint belongs to a track whose projection is this near, in pixels of the picture.
 const MAX_POINT_PX: f64 = 2.0;
@@ -43,38 +44,28 @@ impl std::fmt::Display for VariantStats {
 }
 
 /// Adds variants to their pictures' labels. `variants` are features in pixels of the unchanged picture, each with the index
-/// of its picture in [`Labels::images`].
+/// of its picture among the map's views.
 pub fn add_variants(
     labels: &mut Labels,
-    variants: impl IntoIterator<Item = (usize, ImageFeatures)>,
+    variants: impl IntoIterator<Item = (usize, FeatureSet)>,
 ) -> VariantStats {
+    let of_views = labels.map.targets();
     let mut stats = VariantStats::default();
     for (of, features) in variants {
-        let Some(image) = labels.images.get(of) else {
+        if of >= labels.map.views.len() {
             continue;
+        }
+        let variant = LabelledVariant {
+            of_view: of as u32,
+            features,
         };
-        let point_targets = point_targets(labels, image, &features);
-        let segment_targets = segment_targets(image, &features);
+        let found = targets(&labels.map, &of_views, &variant);
         stats.num_variants += 1;
-        stats.keypoints += features.pixels.len() as f64;
-        stats.labelled_keypoints += point_targets.iter().flatten().count() as f64;
-        stats.segments += features.segments.len() as f64;
-        stats.labelled_segments += segment_targets.iter().flatten().count() as f64;
-        labels.variants.push(LabelledVariant {
-            of_image: of as u32,
-            image: LabelledImage {
-                name: image.name.clone(),
-                camera: image.camera,
-                cam_from_world: image.cam_from_world,
-                pixels: features.pixels,
-                scores: features.scores,
-                descriptors_nd: features.descriptors_nd,
-                point_targets,
-                segments: features.segments,
-                segment_descriptors_nsd: features.segment_descriptors_nsd,
-                segment_targets,
-            },
-        });
+        stats.keypoints += found.points.len() as f64;
+        stats.labelled_keypoints += found.points.iter().flatten().count() as f64;
+        stats.segments += found.segments.len() as f64;
+        stats.labelled_segments += found.segments.iter().flatten().count() as f64;
+        labels.variants.push(variant);
     }
     let n = stats.num_variants.max(1) as f64;
     for sum in [
@@ -88,42 +79,71 @@ pub fn add_variants(
     stats
 }
 
+/// Targets of a variant's features, given those of all views; none for a variant of a view that is not there.
+pub(super) fn targets(
+    map: &Reconstruction,
+    of_views: &[ViewTargets],
+    variant: &LabelledVariant,
+) -> ViewTargets {
+    let of = variant.of_view as usize;
+    let (Some(view), Some(known)) = (map.views.get(of), of_views.get(of)) else {
+        return ViewTargets {
+            points: vec![None; variant.features.keypoints.len()],
+            segments: vec![None; variant.features.segments.len()],
+        };
+    };
+    ViewTargets {
+        points: point_targets(map, view, known, &variant.features),
+        segments: segment_targets(view, known, &variant.features),
+    }
+}
+
 /// The nearest track of the picture, by where it projects.
 fn point_targets(
-    labels: &Labels,
-    image: &LabelledImage,
-    features: &ImageFeatures,
+    map: &Reconstruction,
+    view: &View,
+    known: &ViewTargets,
+    features: &FeatureSet,
 ) -> Vec<Option<u32>> {
-    let mut tracks: Vec<(Pixel, u32)> = image
-        .point_targets
+    let mut tracks: Vec<(Pixel, u32)> = known
+        .points
         .iter()
         .flatten()
         .filter_map(|t| {
-            let point = labels.points.get(*t as usize)?.point_in_world;
-            let in_cam = image.cam_from_world.transform_point(&point);
-            Some((image.camera.pixel_from_cam(&in_cam)?, *t))
+            let point = map.points.get(*t as usize)?.point_in_world;
+            let in_cam = view.cam_from_world?.transform_point(&point);
+            Some((view.camera.pixel_from_cam(&in_cam)?, *t))
         })
         .collect();
     tracks.sort_by(|a, b| a.0.x.total_cmp(&b.0.x).then(a.1.cmp(&b.1)));
-    let nearest = |pixel: &Pixel| {
+    let nearest = |pixel: Pixel| {
         let first = tracks.partition_point(|(p, _)| p.x < pixel.x - MAX_POINT_PX);
         tracks[first..]
             .iter()
             .take_while(|(p, _)| p.x <= pixel.x + MAX_POINT_PX)
-            .map(|(p, t)| (p.distance(*pixel), *t))
+            .map(|(p, t)| (p.distance(pixel), *t))
             .filter(|(distance, _)| *distance <= MAX_POINT_PX)
             .min_by(|a, b| a.0.total_cmp(&b.0))
             .map(|(_, t)| t)
     };
-    features.pixels.iter().map(nearest).collect()
+    features
+        .keypoints
+        .iter()
+        .map(|k| nearest(k.pixel))
+        .collect()
 }
 
 /// The labelled segment of the picture that lies on the same line and beside it.
-fn segment_targets(image: &LabelledImage, features: &ImageFeatures) -> Vec<Option<SegmentTarget>> {
-    let labelled: Vec<(&Segment2, SegmentTarget)> = image
+fn segment_targets(
+    view: &View,
+    known: &ViewTargets,
+    features: &FeatureSet,
+) -> Vec<Option<SegmentTarget>> {
+    let labelled: Vec<(&Segment2, SegmentTarget)> = view
+        .features
         .segments
         .iter()
-        .zip(&image.segment_targets)
+        .zip(&known.segments)
         .filter_map(|(segment, target)| target.map(|t| (segment, t)))
         .collect();
     let best = |found: &Segment2| {
@@ -171,8 +191,9 @@ fn same_line(found: &Segment2, known: &Segment2) -> Option<(f64, bool)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::labels::{LineTrack, Observation, PointTrack};
+    use landline::features::Keypoint;
     use landline::geometry::{CamFromWorld, Camera};
+    use landline::reconstruction::{LineTrack, Observation, PointTrack};
     use nalgebra::Vector3;
 
     fn segment(x0: f64, y0: f64, x1: f64, y1: f64) -> Segment2 {
@@ -185,70 +206,72 @@ mod tests {
         }
     }
 
+    fn features(keypoints: &[(f64, f64)], segments: Vec<Segment2>) -> FeatureSet {
+        FeatureSet {
+            keypoints: keypoints
+                .iter()
+                .map(|(x, y)| Keypoint {
+                    pixel: Pixel::new(*x, *y),
+                    score: 1.0,
+                })
+                .collect(),
+            descriptors_nd: vec![1.0; keypoints.len()],
+            segment_descriptors_nsd: vec![1.0; 2 * segments.len()],
+            segments,
+            descriptor_channels: 1,
+            tokens: 2,
+        }
+    }
+
     #[test]
     fn detected_again_means_the_same_track_or_none() {
         // Camera of focal length 50 and centre (50, 50) at the origin: (0, 0, 1) projects to (50, 50).
-        let track = |x: f64| PointTrack {
-            point_in_world: Vector3::new(x, 0.0, 1.0),
-            observations: vec![Observation {
-                image: 0,
-                feature: 0,
-            }],
-            descriptor: vec![1.0],
-            mean_error_px: 0.5,
-        };
+        let point =
+            |x: f64, seen: Vec<Observation>| PointTrack::new(Vector3::new(x, 0.0, 1.0), seen);
+        let seen = |feature: usize| vec![Observation::new(0, feature)];
+        // The line that projects to y = 20, against the segment's direction.
+        let ends = [1.0, -0.8].map(|x| Vector3::new(x, -0.6, 1.0));
         let mut labels = Labels {
-            descriptor_len: 1,
-            samples_per_segment: 2,
-            points: vec![track(0.0), track(0.05), track(0.1)],
-            lines: vec![LineTrack {
-                start_in_world: Vector3::zeros(),
-                end_in_world: Vector3::x(),
-                observations: Vec::new(),
-                descriptor: vec![1.0],
-                mean_error_px: 0.5,
-            }],
-            images: vec![LabelledImage {
-                name: "a".to_owned(),
-                camera: Camera::centered(100, 100, 50.0),
-                cam_from_world: CamFromWorld::identity(),
-                pixels: vec![Pixel::new(50.0, 50.0), Pixel::new(52.0, 50.0)],
-                scores: vec![1.0; 2],
-                descriptors_nd: vec![1.0; 2],
+            map: Reconstruction {
                 // The track at (55, 50) exists but this picture does not see it.
-                point_targets: vec![Some(0), Some(1)],
-                segments: vec![segment(10.0, 20.0, 60.0, 20.0)],
-                segment_descriptors_nsd: vec![1.0; 2],
-                segment_targets: vec![Some(SegmentTarget {
-                    track: 0,
-                    reversed: true,
-                })],
-            }],
+                points: vec![
+                    point(0.0, seen(0)),
+                    point(0.05, seen(1)),
+                    point(0.1, Vec::new()),
+                ],
+                lines: vec![LineTrack::new(ends, seen(0))],
+                views: vec![View {
+                    name: "a".to_owned(),
+                    camera: Camera::centered(100, 100, 50.0),
+                    cam_from_world: Some(CamFromWorld::identity()),
+                    features: features(
+                        &[(50.0, 50.0), (52.0, 50.0)],
+                        vec![segment(10.0, 20.0, 60.0, 20.0)],
+                    ),
+                }],
+            },
             ..Labels::default()
         };
-        let found = [(49.0, 50.5), (51.6, 50.0), (55.0, 50.0), (50.0, 53.0)];
-        let features = ImageFeatures {
-            pixels: found.map(|(x, y)| Pixel::new(x, y)).to_vec(),
-            scores: vec![1.0; 4],
-            descriptor_len: 1,
-            descriptors_nd: vec![1.0; 4],
-            segments: vec![
+        let found = features(
+            &[(49.0, 50.5), (51.6, 50.0), (55.0, 50.0), (50.0, 53.0)],
+            vec![
                 segment(12.0, 21.0, 50.0, 20.5),
                 segment(50.0, 19.0, 12.0, 20.0),
                 segment(12.0, 20.0, 50.0, 25.0),
                 segment(58.0, 20.0, 95.0, 20.0),
                 segment(12.0, 24.0, 50.0, 24.0),
             ],
-            segment_descriptors_nsd: vec![1.0; 10],
-        };
-        let stats = add_variants(&mut labels, [(0, features)]);
-        let variant = &labels.variants[0];
-        assert_eq!(variant.of_image, 0);
+        );
+        let stats = add_variants(&mut labels, [(0, found.clone()), (7, found)]);
+        assert_eq!(labels.variants.len(), 1);
+        assert_eq!(labels.variants[0].of_view, 0);
+        let targets = labels.targets();
         // (52.5, 50) is where track 1 projects to; the third is 2.5 px from it.
-        assert_eq!(variant.image.point_targets, [Some(0), Some(1), None, None]);
+        assert_eq!(targets.variants[0].points, [Some(0), Some(1), None, None]);
         let same = |reversed| Some(SegmentTarget { track: 0, reversed });
+        assert_eq!(targets.views[0].segments, [same(true)]);
         assert_eq!(
-            variant.image.segment_targets,
+            targets.variants[0].segments,
             [same(true), same(false), None, None, None]
         );
         assert_eq!(

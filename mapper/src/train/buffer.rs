@@ -2,8 +2,10 @@
 //! scene's centre subtracted, metres).
 
 use super::loss::ObservationRows;
-use crate::labels::{LabelledImage, Labels};
+use crate::labels::Labelled;
+use landline::geometry::SceneScale;
 use landline::math::Rng;
+use landline::reconstruction::Reconstruction;
 use nalgebra::Vector3;
 
 /// Which features.
@@ -16,38 +18,7 @@ pub enum Kind {
     Segments,
 }
 
-/// Normalisation of coordinates: `metres = normalised * scale + centre`.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct SceneFrame {
-    /// Median of the landmarks.
-    pub centre: [f64; 3],
-    /// Metres for one unit, the same along all axes.
-    pub scale: f64,
-}
-
-impl SceneFrame {
-    /// Median and a robust isotropic scale of the points; the unit frame when there are none.
-    pub fn of(points: impl Iterator<Item = Vector3<f64>>) -> Self {
-        let points: Vec<_> = points.collect();
-        let median = |mut values: Vec<f64>| landline::math::stats::median_in_place(&mut values);
-        let axis = |i: usize| median(points.iter().map(|p| p[i]).collect()).unwrap_or(0.0);
-        let centre = Vector3::new(axis(0), axis(1), axis(2));
-        let scale = median(points.iter().map(|p| (p - centre).norm()).collect())
-            .filter(|s| *s > 1e-6)
-            .unwrap_or(1.0);
-        Self {
-            centre: centre.into(),
-            scale,
-        }
-    }
-
-    /// The centre as a vector.
-    pub fn centre(&self) -> Vector3<f64> {
-        Vector3::from(self.centre)
-    }
-}
-
-struct View {
+struct Camera {
     rotation: [f32; 9],
     translation: [f32; 3],
     focal_px: f32,
@@ -59,8 +30,8 @@ struct View {
 pub struct Buffer<'a> {
     kind: Kind,
     input_len: usize,
-    images: Vec<&'a LabelledImage>,
-    views: Vec<View>,
+    images: Vec<Labelled<'a>>,
+    cameras: Vec<Camera>,
     /// Image of each row.
     image_of_row: Vec<u32>,
     /// Observed ray or line of each row.
@@ -94,62 +65,69 @@ impl Batch {
 }
 
 impl<'a> Buffer<'a> {
-    /// All rows of these images. Features whose ray cannot be computed are left out.
+    /// All rows of these pictures of a map. Features whose ray cannot be computed are left out, and pictures without a pose.
     pub fn new(
         kind: Kind,
-        labels: &Labels,
-        images: impl IntoIterator<Item = &'a LabelledImage>,
-        frame: &SceneFrame,
+        map: &Reconstruction,
+        images: impl IntoIterator<Item = Labelled<'a>>,
+        scale: &SceneScale,
     ) -> Self {
-        let descriptor = labels.descriptor_len;
+        let descriptor = map.descriptor_channels();
         let mut buffer = Self {
             kind,
             input_len: match kind {
                 Kind::Points => descriptor,
-                Kind::Segments => descriptor * labels.samples_per_segment,
+                Kind::Segments => descriptor * map.tokens(),
             },
             images: Vec::new(),
-            views: Vec::new(),
+            cameras: Vec::new(),
             image_of_row: Vec::new(),
             observed: Vec::new(),
             targets: Vec::new(),
             tracks: Vec::new(),
         };
         for image in images {
-            buffer.push(labels, image, frame);
+            buffer.push(map, image, scale);
         }
         buffer
     }
 
-    fn push(&mut self, labels: &Labels, image: &'a LabelledImage, frame: &SceneFrame) {
-        let (fx, fy) = image.camera.focal_px();
-        let centred = image.cam_from_world.transform_point(&frame.centre());
+    fn push(&mut self, map: &Reconstruction, image: Labelled<'a>, scale: &SceneScale) {
+        let camera = &image.view.camera;
+        let Some(cam_from_world) = image.view.cam_from_world else {
+            return;
+        };
+        let (fx, fy) = camera.focal_px();
+        let centred = cam_from_world.transform_point(&scale.centre);
         let mut rotation = [0.0; 9];
         for (i, v) in rotation.iter_mut().enumerate() {
-            *v = image.cam_from_world.rotation[(i / 3, i % 3)] as f32;
+            *v = cam_from_world.rotation[(i / 3, i % 3)] as f32;
         }
         let first_row = self.image_of_row.len();
         let image_idx = self.images.len() as u32;
         let nothing = [f32::NAN; 3];
         let ray = |p| {
-            let b = image.camera.bearing_from_pixel(p)?;
+            let b = camera.bearing_from_pixel(p)?;
             (b.z > 1e-3).then(|| Vector3::new(b.x / b.z, b.y / b.z, 1.0))
         };
         match self.kind {
             Kind::Points => {
-                for (pixel, target) in image.pixels.iter().zip(&image.point_targets) {
-                    let seen = ray(*pixel).map_or(nothing, |r| [r.x as f32, r.y as f32, 1.0]);
+                let keypoints = &image.features.keypoints;
+                for (keypoint, target) in keypoints.iter().zip(&image.targets.points) {
+                    let seen =
+                        ray(keypoint.pixel).map_or(nothing, |r| [r.x as f32, r.y as f32, 1.0]);
                     self.observed.extend(&seen[..2]);
-                    let track = target.and_then(|t| labels.points.get(t as usize).map(|p| (t, p)));
+                    let track = target.and_then(|t| map.points.get(t as usize).map(|p| (t, p)));
                     let point =
-                        track.map_or(Vector3::zeros(), |(_, p)| p.point_in_world - frame.centre());
+                        track.map_or(Vector3::zeros(), |(_, p)| p.point_in_world - scale.centre);
                     self.targets.extend(point.iter().map(|v| *v as f32));
                     let usable = track.filter(|_| seen[0].is_finite());
                     self.tracks.push(usable.map_or(-1, |(t, _)| t as i32));
                 }
             }
             Kind::Segments => {
-                for (segment, target) in image.segments.iter().zip(&image.segment_targets) {
+                let segments = &image.features.segments;
+                for (segment, target) in segments.iter().zip(&image.targets.segments) {
                     let line = ray(segment.start).zip(ray(segment.end)).and_then(|(a, b)| {
                         let n = a.cross(&b);
                         let length = n.x.hypot(n.y);
@@ -157,9 +135,9 @@ impl<'a> Buffer<'a> {
                     });
                     let seen = line.map_or(nothing, |n| [n.x as f32, n.y as f32, n.z as f32]);
                     self.observed.extend(seen);
-                    let ends = target.and_then(|t| labels.segment_target_ends(t));
+                    let ends = target.and_then(|t| map.segment_target_ends(t));
                     for i in 0..2 {
-                        let end = ends.map_or(Vector3::zeros(), |e| e[i] - frame.centre());
+                        let end = ends.map_or(Vector3::zeros(), |e| e[i] - scale.centre);
                         self.targets.extend(end.iter().map(|v| *v as f32));
                     }
                     let usable = target.filter(|_| seen[0].is_finite() && ends.is_some());
@@ -170,7 +148,7 @@ impl<'a> Buffer<'a> {
         let num_rows = self.tracks.len() - first_row;
         self.image_of_row
             .extend(core::iter::repeat_n(image_idx, num_rows));
-        self.views.push(View {
+        self.cameras.push(Camera {
             rotation,
             translation: [centred.x as f32, centred.y as f32, centred.z as f32],
             focal_px: (0.5 * (fx + fy)) as f32,
@@ -192,8 +170,8 @@ impl<'a> Buffer<'a> {
 
     /// Rows of an image.
     pub fn image_rows(&self, image: usize) -> core::ops::Range<usize> {
-        let view = &self.views[image];
-        view.first_row..view.first_row + view.num_rows
+        let camera = &self.cameras[image];
+        camera.first_row..camera.first_row + camera.num_rows
     }
 
     /// Numbers of a network input.
@@ -218,10 +196,10 @@ impl<'a> Buffer<'a> {
     /// Network input of a row.
     pub fn input(&self, row: usize) -> &[f32] {
         let image = self.image_of_row[row] as usize;
-        let at = (row - self.views[image].first_row) * self.input_len;
+        let at = (row - self.cameras[image].first_row) * self.input_len;
         let all = match self.kind {
-            Kind::Points => &self.images[image].descriptors_nd,
-            Kind::Segments => &self.images[image].segment_descriptors_nsd,
+            Kind::Points => &self.images[image].features.descriptors_nd,
+            Kind::Segments => &self.images[image].features.segment_descriptors_nsd,
         };
         &all[at..at + self.input_len]
     }
@@ -246,10 +224,10 @@ impl<'a> Buffer<'a> {
         let rows = &mut batch.observations;
         rows.observed
             .extend(observed.iter().map(|v| if is_real { *v } else { 0.0 }));
-        let view = &self.views[self.image_of_row[row] as usize];
-        rows.rotation.extend_from_slice(&view.rotation);
-        rows.translation.extend_from_slice(&view.translation);
-        rows.focal_px.push(view.focal_px);
+        let camera = &self.cameras[self.image_of_row[row] as usize];
+        rows.rotation.extend_from_slice(&camera.rotation);
+        rows.translation.extend_from_slice(&camera.translation);
+        rows.focal_px.push(camera.focal_px);
     }
 
     fn put_filler(&self, batch: &mut Batch) {

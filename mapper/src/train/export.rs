@@ -2,7 +2,6 @@
 
 use super::run::Trained;
 use crate::labels::Labels;
-use landline::geometry::SceneScale;
 use landline::models::Preset;
 use landline::nn::{NnError, WeightTensor, Weights};
 use landline::scene_file::{ExtractorFile, HeldOut, SceneFile, SceneInfo, TrainingSummary};
@@ -40,17 +39,14 @@ pub fn scene(
             WeightTensor::f32(&spec.shape, values.clone())?,
         );
     }
-    let first = labels.images.first();
+    let first = labels.map.views.first();
     let info = SceneInfo {
         preset: Some(preset),
-        scale: SceneScale {
-            centre: trained.frame.centre(),
-            scale: trained.frame.scale,
-        },
+        scale: trained.scale,
         working_max_side: origin.working_max_side,
         camera: first.map(|i| i.camera),
         training: Some(TrainingSummary {
-            num_images: labels.images.len() as u64,
+            num_images: labels.map.views.len() as u64,
             num_steps: trained.steps.iter().map(|(_, s)| *s as u64).sum(),
             seconds: trained.seconds.round(),
             held_out: origin.held_out,

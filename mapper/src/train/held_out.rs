@@ -3,7 +3,7 @@
 use super::buffer::{Buffer, Kind};
 use super::session::{Predicted, Session};
 use crate::eval::{PoseError, solver_options};
-use crate::labels::{LabelledImage, Labels};
+use crate::labels::{Labelled, Labels, Targets};
 use landline::front_end::FrontEndOptions;
 use landline::geometry::CamFromWorld;
 use landline::math::stats::median_in_place;
@@ -45,10 +45,23 @@ pub fn held_range(num_images: usize, every: usize) -> Range<usize> {
 }
 
 /// Judges the averaged parameters of a branch on held-out pictures; `None` without any.
-pub fn judge(session: &Session, labels: &Labels, held: &Range<usize>) -> Option<HeldOut> {
-    let images = labels.images.get(held.clone()).filter(|i| !i.is_empty())?;
+pub fn judge(
+    session: &Session,
+    labels: &Labels,
+    targets: &Targets,
+    held: &Range<usize>,
+) -> Option<HeldOut> {
+    let images: Vec<Labelled<'_>> = labels
+        .pictures(targets)
+        .skip(held.start)
+        .take(held.len())
+        .filter(|i| i.view.cam_from_world.is_some())
+        .collect();
+    if images.is_empty() {
+        return None;
+    }
     let kind = session.config.kind();
-    let buffer = Buffer::new(kind, labels, images.iter(), &session.frame);
+    let buffer = Buffer::new(kind, &labels.map, images.iter().copied(), &session.scale);
     let predictions: Vec<Predicted> = (0..images.len())
         .map(|i| session.predict(&buffer, i))
         .collect();
@@ -70,11 +83,11 @@ pub fn judge(session: &Session, labels: &Labels, held: &Range<usize>) -> Option<
         .par_iter()
         .zip(predictions.par_iter().zip(&chosen))
         .map(|(image, (p, best))| {
-            let pose = solve(kind, image, p, best, &session.frame.centre())?;
-            Some(PoseError::between(&pose, &image.cam_from_world))
+            let found = solve(kind, image, p, best, &session.scale.centre)?;
+            Some(PoseError::between(&found, &image.view.cam_from_world?))
         })
         .collect();
-    let far = 0.1 * session.frame.scale;
+    let far = 0.1 * session.scale.scale;
     let position = |e: &Option<PoseError>| e.map_or(f64::INFINITY, |e| e.position);
     let median = |mut values: Vec<f64>| median_in_place(&mut values).unwrap_or(0.0);
     let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
@@ -116,7 +129,7 @@ fn most_confident(kind: Kind, p: &Predicted) -> Vec<usize> {
 
 fn solve(
     kind: Kind,
-    image: &LabelledImage,
+    image: &Labelled<'_>,
     p: &Predicted,
     chosen: &[usize],
     centre: &Vector3<f64>,
@@ -126,15 +139,15 @@ fn solve(
         centre + Vector3::new(f64::from(c[0]), f64::from(c[1]), f64::from(c[2]))
     };
     let points = |k: &usize| PointCorrespondence {
-        pixel: image.pixels[*k],
+        pixel: image.features.keypoints[*k].pixel,
         point_in_world: world(3 * k),
         confidence: p.confidence[*k],
         sigma_m: 0.0,
         sigma_px: 0.0,
     };
     let lines = |k: &usize| LineCorrespondence {
-        start: image.segments[*k].start,
-        end: image.segments[*k].end,
+        start: image.features.segments[*k].start,
+        end: image.features.segments[*k].end,
         start_in_world: world(6 * k),
         end_in_world: world(6 * k + 3),
         confidence: p.confidence[*k],
@@ -146,22 +159,20 @@ fn solve(
         Kind::Segments => (Vec::new(), chosen.iter().map(lines).collect()),
     };
     let max_side = FrontEndOptions::new(ExtractorKind::Xfeat).max_side;
-    let (width, height) = (image.camera.width, image.camera.height);
-    let solver = solver_options(&LiveOptions::default().pose, max_side, width, height);
+    let camera = &image.view.camera;
+    let solver = solver_options(
+        &LiveOptions::default().pose,
+        max_side,
+        camera.width,
+        camera.height,
+    );
     // A picture that the solver refuses has no pose; training goes on.
     let mut scratch = PoseScratch::new();
     let mut clock = || 0.0;
-    pose::estimate(
-        &points,
-        &lines,
-        &image.camera,
-        &solver,
-        &mut scratch,
-        &mut clock,
-    )
-    .ok()?
-    .located()
-    .map(|e| e.cam_from_world)
+    pose::estimate(&points, &lines, camera, &solver, &mut scratch, &mut clock)
+        .ok()?
+        .located()
+        .map(|e| e.cam_from_world)
 }
 
 #[cfg(test)]

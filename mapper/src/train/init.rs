@@ -1,10 +1,10 @@
 //! Start values: landmarks for the anchored branches, the reference's distributions for the attention branches.
 
-use super::buffer::SceneFrame;
-use crate::labels::{Labels, Observation, cover};
+use landline::geometry::SceneScale;
 use landline::math::Rng;
 use landline::models::TensorSpec;
 use landline::nn::CHOICE_STATISTICS;
+use landline::reconstruction::{Observation, Reconstruction, cover};
 use nalgebra::Vector3;
 use std::ops::Range;
 
@@ -30,7 +30,7 @@ pub struct Anchor {
 /// Observations in pictures that are not held out: landmarks must not know those.
 fn kept(observations: &[Observation], held: &Range<usize>) -> Vec<Observation> {
     let seen = observations.iter().copied();
-    seen.filter(|o| !held.contains(&(o.image as usize)))
+    seen.filter(|o| !held.contains(&(o.view as usize)))
         .collect()
 }
 
@@ -57,70 +57,60 @@ fn mean_key<'a>(
 
 /// Point landmarks: mean descriptors and positions, of tracks outside the held-out pictures.
 pub fn point_anchors(
-    labels: &Labels,
+    map: &Reconstruction,
     held: &Range<usize>,
-    frame: &SceneFrame,
+    scale: &SceneScale,
     count: usize,
 ) -> Vec<Anchor> {
-    let d = labels.descriptor_len;
-    let observations: Vec<Vec<Observation>> = labels
+    let observations: Vec<Vec<Observation>> = map
         .points
         .iter()
         .map(|p| kept(&p.observations, held))
         .collect();
     let slices: Vec<&[Observation]> = observations.iter().map(Vec::as_slice).collect();
-    let error = |t: usize| labels.points[t].mean_error_px;
-    cover(&slices, error, labels.images.len(), count)
+    let error = |t: usize| map.points[t].mean_error_px;
+    cover(&slices, error, map.views.len(), count)
         .into_iter()
         .map(|t| Anchor {
-            key: mean_key(&observations[t], d, |o| {
-                let at = o.feature as usize * d;
-                let image = labels.images.get(o.image as usize)?;
-                image.descriptors_nd.get(at..at + d)
+            key: mean_key(&observations[t], map.descriptor_channels(), |o| {
+                let view = map.views.get(o.view as usize)?;
+                view.features.descriptor(o.feature as usize)
             }),
-            value: normalised(&labels.points[t].point_in_world, frame).to_vec(),
+            value: normalised(map.points[t].point_in_world, scale).to_vec(),
         })
         .collect()
 }
 
 /// Segment landmarks, turned so that most observations agree with the order of the ends.
 pub fn line_anchors(
-    labels: &Labels,
+    map: &Reconstruction,
     held: &Range<usize>,
-    frame: &SceneFrame,
+    scale: &SceneScale,
     count: usize,
 ) -> Vec<Anchor> {
-    let d = labels.descriptor_len;
-    let row = d * labels.samples_per_segment;
-    let observations: Vec<Vec<Observation>> = labels
+    let observations: Vec<Vec<Observation>> = map
         .lines
         .iter()
         .map(|l| kept(&l.observations, held))
         .collect();
     let slices: Vec<&[Observation]> = observations.iter().map(Vec::as_slice).collect();
-    let error = |t: usize| labels.lines[t].mean_error_px;
-    cover(&slices, error, labels.images.len(), count)
+    let error = |t: usize| map.lines[t].mean_error_px;
+    cover(&slices, error, map.views.len(), count)
         .into_iter()
         .map(|t| {
-            let track = &labels.lines[t];
-            let is_reversed = |o: &&Observation| {
-                let image = labels.images.get(o.image as usize);
-                let target = image
-                    .and_then(|i| i.segment_targets.get(o.feature as usize).copied().flatten());
-                target.is_some_and(|s| s.reversed)
-            };
+            let track = &map.lines[t];
+            let is_reversed = |o: &&Observation| map.is_reversed(track, **o);
             let reversed = observations[t].iter().filter(is_reversed).count();
             let mut ends = [track.start_in_world, track.end_in_world];
             if 2 * reversed > observations[t].len() {
                 ends.swap(0, 1);
             }
             Anchor {
-                key: mean_key(&observations[t], d, |o| {
-                    let at = o.feature as usize * row;
-                    let image = labels.images.get(o.image as usize)?;
-                    image.segment_descriptors_nsd.get(at..at + row)
+                key: mean_key(&observations[t], map.descriptor_channels(), |o| {
+                    let view = map.views.get(o.view as usize)?;
+                    view.features.segment_descriptors(o.feature as usize)
                 }),
-                value: ends.iter().flat_map(|e| normalised(e, frame)).collect(),
+                value: ends.iter().flat_map(|e| normalised(*e, scale)).collect(),
             }
         })
         .collect()
@@ -141,8 +131,8 @@ pub fn random_anchors(
         .collect()
 }
 
-fn normalised(p: &Vector3<f64>, frame: &SceneFrame) -> [f32; 3] {
-    let n = (p - frame.centre()) / frame.scale;
+fn normalised(p: Vector3<f64>, scale: &SceneScale) -> [f32; 3] {
+    let n = scale.network_from_world(p);
     [n.x as f32, n.y as f32, n.z as f32]
 }
 

@@ -3,15 +3,16 @@
 //! The folder holds `options.json` (written first), `log.csv`, `curves.svg` and `checkpoint.safetensors`. A run that was
 //! interrupted goes on from its checkpoint with `resume`, and ends with the same tensors as one that was not.
 
-use super::buffer::{Buffer, Kind, SceneFrame};
+use super::buffer::{Buffer, Kind};
 use super::held_out::{HeldOut, held_range, judge};
 use super::recipe::{self, Recipe};
 use super::session::{BranchConfig, Session, StepReport};
 use super::{checkpoint, curves};
 use crate::files;
-use crate::labels::{LabelledImage, Labels};
+use crate::labels::{Labelled, Labels, Targets};
 use burn::tensor::Device;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use landline::geometry::SceneScale;
 use landline::models::{Preset, RegressorConfig, TensorSpec};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
@@ -135,7 +136,7 @@ pub struct Trained {
     /// With the number of anchors that there were landmarks for.
     pub config: RegressorConfig,
     /// Normalisation of coordinates.
-    pub frame: SceneFrame,
+    pub scale: SceneScale,
     /// In the configuration's order.
     pub tensors: Vec<NamedTensor>,
     /// Held-out numbers of each branch.
@@ -186,9 +187,10 @@ pub fn train(
         source,
     };
     std::fs::create_dir_all(folder).map_err(folder_error)?;
-    let frame = SceneFrame::of(labels.points.iter().map(|p| p.point_in_world));
-    let held = held_range(labels.images.len(), options.hold_out_every);
-    let mut sessions = sessions(labels, options, &held, &frame, device)?;
+    let targets = labels.targets();
+    let scale = SceneScale::of(labels.map.points.iter().map(|p| p.point_in_world));
+    let held = held_range(labels.map.views.len(), options.hold_out_every);
+    let mut sessions = sessions(labels, &targets, options, &held, &scale, device)?;
     let fresh = sessions.clone();
     let checkpoint_path = folder.join(CHECKPOINT);
     let options_text = serde_json::to_string_pretty(options).map_err(|e| folder_error(e.into()))?;
@@ -222,11 +224,11 @@ pub fn train(
         let kind = sessions[index].config.kind();
         let buffer = Buffer::new(
             kind,
-            labels,
-            taught(labels, &held, sessions[index].recipe.variants),
-            &frame,
+            &labels.map,
+            taught(labels, &targets, &held, sessions[index].recipe.variants),
+            &scale,
         );
-        let at_start = judge(&fresh[index], labels, &held);
+        let at_start = judge(&fresh[index], labels, &targets, &held);
         if sessions[index].step == 0 {
             set_length(&mut sessions, index, options, &buffer);
             if let Some(h) = &at_start {
@@ -256,7 +258,7 @@ pub fn train(
             let is_last = step == session.end();
             let mut held_out_m = None;
             if step.is_multiple_of(judge_every) || is_last {
-                if let Some(h) = judge(session, labels, &held) {
+                if let Some(h) = judge(session, labels, &targets, &held) {
                     session.judged(h.score, buffer.num_images());
                     held_out_m = Some(h.score);
                     bar.set_length(session.end() as u64);
@@ -297,7 +299,8 @@ pub fn train(
         }
         bar.finish();
         if let (Some(start), Some(best)) = (at_start, sessions[index].best.clone()) {
-            let delivered = judge(&sessions[index].with_averages(&best.values), labels, &held);
+            let best_session = sessions[index].with_averages(&best.values);
+            let delivered = judge(&best_session, labels, &targets, &held);
             held_out.push(Judged {
                 kind,
                 start,
@@ -313,7 +316,7 @@ pub fn train(
     }
     Ok(Trained {
         config: whole(&sessions),
-        frame,
+        scale,
         tensors,
         held_out,
         seconds: seconds(),
@@ -324,18 +327,18 @@ pub fn train(
 /// The pictures that are not held out, with their variants if there are and if they are wanted.
 fn taught<'a>(
     labels: &'a Labels,
+    targets: &'a Targets,
     held: &Range<usize>,
     variants: bool,
-) -> impl Iterator<Item = &'a LabelledImage> {
-    let of_pictures = labels.images.iter().enumerate();
-    let of_variants = labels.variants.iter().filter(move |_| variants);
-    of_pictures
-        .chain(of_variants.map(|v| (v.of_image as usize, &v.image)))
-        .filter({
-            let held = held.clone();
-            move |(i, _)| !held.contains(i)
-        })
-        .map(|(_, image)| image)
+) -> impl Iterator<Item = Labelled<'a>> {
+    let held = held.clone();
+    let copies = labels.changed_copies(targets).filter(move |_| variants);
+    labels
+        .pictures(targets)
+        .enumerate()
+        .chain(copies)
+        .filter(move |(i, _)| !held.contains(i))
+        .map(|(_, labelled)| labelled)
 }
 
 fn message(mean: &StepReport, session: &Session) -> String {
@@ -352,12 +355,13 @@ fn message(mean: &StepReport, session: &Session) -> String {
 
 fn sessions(
     labels: &Labels,
+    targets: &Targets,
     options: &RunOptions,
     held: &Range<usize>,
-    frame: &SceneFrame,
+    scale: &SceneScale,
     device: &Device,
 ) -> Result<Vec<Session>, TrainError> {
-    let mut network = RegressorConfig::preset(options.preset, labels.descriptor_len);
+    let mut network = RegressorConfig::preset(options.preset, labels.map.descriptor_channels());
     for change in &options.network {
         network = changed_network(&network, change).map_err(TrainError::Network)?;
     }
@@ -369,23 +373,22 @@ fn sessions(
         *num_anchors = anchors;
     }
     let mut branches = vec![point];
-    let labelled_segments: usize = labels
-        .images
-        .iter()
-        .map(|i| i.segment_targets.iter().flatten().count())
+    let of_views = targets.views.iter();
+    let labelled_segments: usize = of_views
+        .clone()
+        .map(|t| t.segments.iter().flatten().count())
         .sum();
     if options.lines && labelled_segments >= MIN_LABELLED {
         branches.extend(line.map(BranchConfig::Line));
     }
-    let labelled: usize = labels
-        .images
-        .iter()
-        .map(|i| i.point_targets.iter().flatten().count())
+    let labelled: usize = of_views
+        .clone()
+        .map(|t| t.points.iter().flatten().count())
         .sum();
     if labelled < MIN_LABELLED {
         return Err(TrainError::TooFewLabels {
             kind: name(Kind::Points),
-            features: labels.images.iter().map(|i| i.pixels.len()).sum(),
+            features: of_views.map(|t| t.points.len()).sum(),
             labelled,
             needed: MIN_LABELLED,
         });
@@ -400,7 +403,15 @@ fn sessions(
             for change in &options.overrides {
                 apply(&mut recipe, change);
             }
-            Session::new(config, recipe, labels, held, *frame, options.seed, device)
+            Session::new(
+                config,
+                recipe,
+                &labels.map,
+                held,
+                *scale,
+                options.seed,
+                device,
+            )
         })
         .collect())
 }

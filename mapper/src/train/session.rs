@@ -5,16 +5,17 @@
 //! landmarks take the label itself as reliable (the paper); those with landmarks take "reprojects within a few pixels", which
 //! also tells them of unlabelled features. Pruning logits beside the reliability learn the label. With `paper_reduction` the scene distance is a sum, as the reference has it.
 
-use super::buffer::{Batch, Buffer, Kind, SceneFrame};
+use super::buffer::{Batch, Buffer, Kind};
 use super::loss::{self, Observations};
 use super::net::{self, Context, Prediction};
 use super::params::{AdamSettings, Leaves, Parameters, numbers};
 use super::recipe::{AnchorStart, Recipe};
 use super::{init, schedule};
-use crate::labels::Labels;
 use burn::tensor::{Device, Tensor, TensorData};
+use landline::geometry::SceneScale;
 use landline::math::Rng;
 use landline::models::{AttentionOutput, LineBranchConfig, PointBranchConfig, TensorSpec};
+use landline::reconstruction::Reconstruction;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -137,7 +138,7 @@ pub struct Session {
     /// How.
     pub recipe: Recipe,
     /// Normalisation of coordinates.
-    pub frame: SceneFrame,
+    pub scale: SceneScale,
     /// Steps done.
     pub step: usize,
     /// What the run will deliver, if pictures are held out.
@@ -184,9 +185,9 @@ impl Session {
     pub fn new(
         mut config: BranchConfig,
         recipe: Recipe,
-        labels: &Labels,
+        map: &Reconstruction,
         held: &Range<usize>,
-        frame: SceneFrame,
+        scale: SceneScale,
         seed: u64,
         device: &Device,
     ) -> Self {
@@ -197,8 +198,8 @@ impl Session {
                 (AnchorStart::Random, _) => {
                     init::random_anchors(*num_anchors, key_len, target_len(kind), &mut rng)
                 }
-                (_, Kind::Points) => init::point_anchors(labels, held, &frame, *num_anchors),
-                (_, Kind::Segments) => init::line_anchors(labels, held, &frame, *num_anchors),
+                (_, Kind::Points) => init::point_anchors(map, held, &scale, *num_anchors),
+                (_, Kind::Segments) => init::line_anchors(map, held, &scale, *num_anchors),
             };
             *num_anchors = anchors.len();
             anchors
@@ -232,7 +233,7 @@ impl Session {
         Self {
             config,
             recipe,
-            frame,
+            scale,
             step: 0,
             best: None,
             stale: 0,
@@ -475,7 +476,7 @@ impl Session {
             training: true,
         };
         let prediction = self.forward(leaves, inputs, context);
-        let metres = prediction.coordinates.mul_scalar(self.frame.scale);
+        let metres = prediction.coordinates.mul_scalar(self.scale.scale);
         let distance = self.scene_distance(metres.clone(), targets);
         let [error_px, depth, usable] = self.reprojection(metres, &o);
         let limit = schedule::clamp_px(
@@ -563,7 +564,7 @@ impl Session {
             }
             _ => self.forward(&leaves, inputs, context),
         };
-        let metres = prediction.coordinates.mul_scalar(self.frame.scale);
+        let metres = prediction.coordinates.mul_scalar(self.scale.scale);
         let target_len = batch.targets.len() / count;
         let targets =
             Tensor::from_data(TensorData::new(batch.targets, [count, target_len]), device);

@@ -6,10 +6,11 @@ use landline::geometry::{CamFromWorld, Camera};
 use landline::math::Rng;
 use landline::models::ExtractorKind;
 use landline::nn::{WeightTensor, Weights};
+use landline::reconstruction::{PointTrack, Reconstruction};
 use landline::scene_file::ExtractorFile;
 use landline_mapper::dataset::{DatasetImage, Split};
 use landline_mapper::extract::Extraction;
-use landline_mapper::labels::{Labels, PointTrack};
+use landline_mapper::labels::Labels;
 use landline_mapper::progress::Progress;
 use landline_testkit::skip;
 use nalgebra::Vector3;
@@ -156,10 +157,10 @@ fn another_picture_of_the_same_name_is_not_taken_from_the_cache() {
     let cache = folder.0.join("cache");
     let first = extraction(&cache).features(&images[0]).expect("reads");
     let again = extraction(&cache).features(&images[0]).expect("reads");
-    assert_eq!(first.pixels, again.pixels);
+    assert_eq!(first.keypoints, again.keypoints);
     folder.picture("00.png", 128, 160);
     let other = extraction(&cache).features(&images[0]).expect("reads");
-    assert_ne!(first.pixels, other.pixels);
+    assert_ne!(first.keypoints, other.keypoints);
     let given = [[10.0, 10.0, 90.0, 20.0]];
     let with_segments = extraction(&cache)
         .features_with_segments(&images[0], &given)
@@ -167,7 +168,7 @@ fn another_picture_of_the_same_name_is_not_taken_from_the_cache() {
     assert_eq!(with_segments.segments.len(), 1);
     let s = with_segments.segments[0];
     assert!((s.start.x - 10.0).abs() < 1e-9 && (s.end.y - 20.0).abs() < 1e-9);
-    assert_eq!(with_segments.samples_per_segment(), 12);
+    assert_eq!(with_segments.tokens, 12);
 
     let missing = DatasetImage {
         path: folder.0.join("gone.png"),
@@ -183,15 +184,12 @@ fn another_picture_of_the_same_name_is_not_taken_from_the_cache() {
 #[test]
 fn an_export_that_does_not_fit_leaves_the_old_file() {
     let folder = Folder::new();
+    let points = (0..2000).map(|i| Vector3::new(f64::from(i), 0.0, 1.0));
     let labels = Labels {
-        points: (0..2000)
-            .map(|i| PointTrack {
-                point_in_world: Vector3::new(f64::from(i), 0.0, 1.0),
-                observations: Vec::new(),
-                descriptor: Vec::new(),
-                mean_error_px: 1.0,
-            })
-            .collect(),
+        map: Reconstruction {
+            points: points.map(|p| PointTrack::new(p, Vec::new())).collect(),
+            ..Reconstruction::default()
+        },
         ..Labels::default()
     };
     let path = folder.0.join("labels.safetensors");

@@ -93,26 +93,30 @@ fn targets_are_the_points_and_lines_of_the_data_set() {
     // All but the 30 keypoints of nothing, of which a few lie on a point by chance.
     assert!(stats.labelled_keypoints > stats.keypoints - 34.0, "{stats}");
     assert!(stats.mean_error_px < 0.8, "{stats}");
-    for track in &labels.points {
+    for track in &labels.map.points {
         assert!(room.points.iter().any(|(p, _)| *p == track.point_in_world));
         for o in &track.observations {
-            let image = &labels.images[o.image as usize];
-            let in_cam = image.cam_from_world.transform_point(&track.point_in_world);
-            let pixel = image.camera.pixel_from_cam(&in_cam).expect("in front");
-            assert!(pixel.distance(image.pixels[o.feature as usize]) < 3.0);
+            let view = &labels.map.views[o.view as usize];
+            let cam_from_world = view.cam_from_world.expect("posed");
+            let in_cam = cam_from_world.transform_point(&track.point_in_world);
+            let pixel = view.camera.pixel_from_cam(&in_cam).expect("in front");
+            let keypoint = view.features.keypoints[o.feature as usize];
+            assert!(pixel.distance(keypoint.pixel) < 3.0);
         }
     }
-    assert_eq!(labels.lines.len(), num_shown(&room, &positions));
-    for (labelled, position) in labels.images.iter().zip(positions) {
-        assert_eq!(labelled.name, dataset.images[position].name);
+    assert_eq!(labels.map.lines.len(), num_shown(&room, &positions));
+    let targets = labels.targets();
+    for (labelled, position) in labels.pictures(&targets).zip(positions) {
+        assert_eq!(labelled.view.name, dataset.images[position].name);
         for (target, line) in labelled
-            .segment_targets
+            .targets
+            .segments
             .iter()
             .zip(&room.segment_lines[position])
         {
             let target = target.expect("every segment shows a line");
             assert_eq!(
-                labels.lines[target.track as usize].start_in_world,
+                labels.map.lines[target.track as usize].start_in_world,
                 room.lines[*line].0[0]
             );
         }
@@ -126,7 +130,7 @@ fn points_may_be_triangulated_beside_imported_lines() {
     let positions: Vec<usize> = (0..24).collect();
     let (labels, stats) = labels(&room, &dataset, &positions, false);
     assert!(stats.num_matches > 0 && stats.num_points >= 230, "{stats}");
-    assert_eq!(labels.lines.len(), num_shown(&room, &positions));
+    assert_eq!(labels.map.lines.len(), num_shown(&room, &positions));
 }
 
 #[test]

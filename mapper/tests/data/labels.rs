@@ -31,17 +31,21 @@ fn points_and_lines_are_found_where_they_are() {
         "{stats}"
     );
     let mut far = 0;
-    for track in &labels.points {
+    for track in &labels.map.points {
         let nearest = points
             .iter()
             .map(|(p, _)| (p - track.point_in_world).norm())
             .fold(f64::MAX, f64::min);
         far += usize::from(nearest > 0.02);
     }
-    assert!(far <= 3, "{far} of {} points are off", labels.points.len());
+    assert!(
+        far <= 3,
+        "{far} of {} points are off",
+        labels.map.points.len()
+    );
 
     assert!(stats.num_lines >= 26, "{stats}");
-    for track in &labels.lines {
+    for track in &labels.map.lines {
         let direction = (track.end_in_world - track.start_in_world).normalize();
         let best = lines
             .iter()
@@ -61,20 +65,20 @@ fn points_and_lines_are_found_where_they_are() {
     }
     // A target's ends are in the order of the segment's own ends.
     let mut num_targets = 0;
-    for image in &labels.images {
-        for (segment, target) in image.segments.iter().zip(&image.segment_targets) {
+    let targets = labels.targets();
+    for image in labels.pictures(&targets) {
+        let cam_from_world = image.view.cam_from_world.expect("posed");
+        for (segment, target) in image.features.segments.iter().zip(&image.targets.segments) {
             let Some(target) = target else { continue };
-            let ends = labels.segment_target_ends(*target).expect("exists");
+            let ends = labels.map.segment_target_ends(*target).expect("exists");
             let pixel = |p: &Vector3<f64>| {
-                image
-                    .camera
-                    .pixel_from_cam(&image.cam_from_world.transform_point(p))
-                    .expect("in front")
+                let in_cam = cam_from_world.transform_point(p);
+                image.view.camera.pixel_from_cam(&in_cam).expect("in front")
             };
             let (a, b) = (pixel(&ends[0]), pixel(&ends[1]));
             let along = (segment.end.x - segment.start.x) * (b.x - a.x)
                 + (segment.end.y - segment.start.y) * (b.y - a.y);
-            assert!(along > 0.0, "{} has a reversed target", image.name);
+            assert!(along > 0.0, "{} has a reversed target", image.view.name);
             num_targets += 1;
         }
     }
@@ -136,8 +140,8 @@ fn left_handed(t: &CamFromWorld) -> CamFromWorld {
 fn mirrored_pictures_are_named() {
     let mut bad = room(24);
     for features in &mut bad.features {
-        for pixel in &mut features.pixels {
-            pixel.x = 640.0 - pixel.x;
+        for keypoint in &mut features.keypoints {
+            keypoint.pixel.x = 640.0 - keypoint.pixel.x;
         }
         for segment in &mut features.segments {
             segment.start.x = 640.0 - segment.start.x;

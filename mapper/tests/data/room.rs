@@ -1,9 +1,9 @@
 //! A synthetic room of points and lines with exact truth, as features of cameras on an arc.
 
+use landline::features::{FeatureSet, Keypoint};
 use landline::geometry::{CamFromWorld, Camera, Pixel, Segment2};
 use landline::math::Rng;
 use landline_mapper::dataset::{DatasetImage, Split};
-use landline_mapper::feature_cache::ImageFeatures;
 use nalgebra::{Rotation3, Vector3};
 
 const D: usize = 32;
@@ -14,7 +14,7 @@ pub(crate) struct Room {
     pub(crate) points: Vec<(Vector3<f64>, Vec<f32>)>,
     pub(crate) lines: Vec<([Vector3<f64>; 2], Vec<f32>)>,
     pub(crate) images: Vec<DatasetImage>,
-    pub(crate) features: Vec<ImageFeatures>,
+    pub(crate) features: Vec<FeatureSet>,
     /// For each picture and segment which line it shows.
     pub(crate) segment_lines: Vec<Vec<usize>>,
 }
@@ -69,26 +69,30 @@ pub(crate) fn room(num_images: usize) -> Room {
                 .pixel_from_cam(&pose.transform_point(p))
                 .filter(|q| q.x > 0.0 && q.y > 0.0 && q.x < 640.0 && q.y < 480.0)
         };
-        let mut f = ImageFeatures {
-            descriptor_len: D,
-            ..ImageFeatures::default()
+        let mut f = FeatureSet {
+            descriptor_channels: D,
+            tokens: SAMPLES,
+            ..FeatureSet::default()
         };
         let jitter = |rng: &mut Rng, p: Pixel| {
             Pixel::new(p.x + NOISE_PX * rng.normal(), p.y + NOISE_PX * rng.normal())
         };
         for (p, descriptor) in &points {
             if let Some(pixel) = project(p) {
-                f.pixels.push(jitter(&mut rng, pixel));
-                f.scores.push(1.0);
+                f.keypoints.push(Keypoint {
+                    pixel: jitter(&mut rng, pixel),
+                    score: 1.0,
+                });
                 let d = noisy(&mut rng, descriptor);
                 f.descriptors_nd.extend(d);
             }
         }
         // Keypoints of nothing in particular.
         for _ in 0..30 {
-            f.pixels
-                .push(Pixel::new(rng.range(0.0, 640.0), rng.range(0.0, 480.0)));
-            f.scores.push(0.1);
+            f.keypoints.push(Keypoint {
+                pixel: Pixel::new(rng.range(0.0, 640.0), rng.range(0.0, 480.0)),
+                score: 0.1,
+            });
             let d = unit(&mut rng);
             f.descriptors_nd.extend(d);
         }

@@ -2,9 +2,10 @@
 
 use crate::room;
 use burn::tensor::{Tensor, TensorData};
+use landline::geometry::SceneScale;
 use landline::models::{Preset, RegressorConfig};
 use landline_mapper::labels::Labels;
-use landline_mapper::train::buffer::{Buffer, Kind, SceneFrame};
+use landline_mapper::train::buffer::{Buffer, Kind};
 use landline_mapper::train::loss::{self, ObservationRows};
 use landline_mapper::train::params::numbers;
 use landline_mapper::train::session::{BranchConfig, Session, StepReport};
@@ -116,12 +117,12 @@ fn constant_step(labels: &Labels, kind: Kind, coordinates: &[f32], logit: f32) -
     };
     let mut recipe = recipe::recipe(Preset::Paper, kind);
     recipe.steps = 10;
-    let frame = SceneFrame {
-        centre: [0.0; 3],
+    let scale = SceneScale {
         scale: 2.0,
+        ..SceneScale::default()
     };
     let device = cpu_device();
-    let mut session = Session::new(config, recipe, labels, &(0..0), frame, 1, &device);
+    let mut session = Session::new(config, recipe, &labels.map, &(0..0), scale, 1, &device);
     let prefix = match kind {
         Kind::Points => "point",
         Kind::Segments => "line",
@@ -153,7 +154,8 @@ fn constant_step(labels: &Labels, kind: Kind, coordinates: &[f32], logit: f32) -
         .restore(take, 0)
         .expect("own state");
     session.step = 6;
-    let buffer = Buffer::new(kind, labels, labels.images.iter(), &frame);
+    let targets = labels.targets();
+    let buffer = Buffer::new(kind, &labels.map, labels.pictures(&targets), &scale);
     session.train_step(&buffer)
 }
 

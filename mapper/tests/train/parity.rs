@@ -1,12 +1,11 @@
 //! Two steps of training, export, the file read back: the executor that ships must compute what the trainer does.
 
 use crate::room;
-use landline::features::{FeatureSet, Keypoint};
 use landline::models::{ExtractorKind, Preset, RegressorConfig};
 use landline::nn::{WeightTensor, Weights};
 use landline::regress::{Predictions, Regressor};
 use landline::scene_file::{Precision, SceneFile, SceneInfo};
-use landline_mapper::labels::{LabelledImage, Labels};
+use landline_mapper::labels::Labels;
 use landline_mapper::train::buffer::Buffer;
 use landline_mapper::train::run::{Control, RunOptions, Trained, train};
 use landline_mapper::train::session::{BranchConfig, Predicted, Session};
@@ -39,24 +38,6 @@ pub(crate) fn options(preset: Preset, steps: usize, network: &[&str]) -> RunOpti
     }
 }
 
-fn features(labels: &Labels, image: &LabelledImage) -> FeatureSet {
-    FeatureSet {
-        keypoints: image
-            .pixels
-            .iter()
-            .map(|pixel| Keypoint {
-                pixel: *pixel,
-                score: 1.0,
-            })
-            .collect(),
-        descriptors_nd: image.descriptors_nd.clone(),
-        segments: image.segments.clone(),
-        segment_descriptors_nsd: image.segment_descriptors_nsd.clone(),
-        descriptor_channels: labels.descriptor_len,
-        tokens: labels.samples_per_segment,
-    }
-}
-
 /// What the trainer's own forward pass makes of a picture with the delivered tensors.
 fn predicted(
     labels: &Labels,
@@ -77,14 +58,16 @@ fn predicted(
     let session = Session::new(
         config,
         recipe,
-        labels,
+        &labels.map,
         &(0..0),
-        trained.frame,
+        trained.scale,
         1,
         &cpu_device(),
     )
     .with_averages(&values);
-    let buffer = Buffer::new(kind, labels, labels.images[..1].iter(), &trained.frame);
+    let targets = labels.targets();
+    let first = labels.pictures(&targets).take(1);
+    let buffer = Buffer::new(kind, &labels.map, first, &trained.scale);
     session.predict(&buffer, 0)
 }
 
@@ -105,10 +88,7 @@ fn check(name: &str, preset: Preset, network: &[&str]) {
     }
     let scene = SceneFile {
         info: SceneInfo {
-            scale: landline::geometry::SceneScale {
-                centre: trained.frame.centre(),
-                scale: trained.frame.scale,
-            },
+            scale: trained.scale,
             ..SceneInfo::new(ExtractorKind::Xfeat, "0".repeat(64))
         },
         config: trained.config.clone(),
@@ -124,10 +104,9 @@ fn check(name: &str, preset: Preset, network: &[&str]) {
         60,
     )
     .expect("fits");
-    let image = &labels.images[0];
     let mut out = Predictions::default();
     regressor
-        .run(&features(&labels, image), &mut out)
+        .run(&labels.map.views[0].features, &mut out)
         .expect("runs");
     let RegressorConfig::Branches { point, line } = trained.config.clone() else {
         panic!("a preset has branches");
@@ -140,7 +119,7 @@ fn check(name: &str, preset: Preset, network: &[&str]) {
                     .iter()
                     .map(|v| f64::from(*v))
                     .collect();
-                let off = (end - trained.frame.centre() - Vector3::from_vec(expected)).norm();
+                let off = (end - trained.scale.centre - Vector3::from_vec(expected)).norm();
                 assert!(off < TOLERANCE, "{name}: {what} {row} is {off} m off");
             }
             let off = f64::from((confidence - p.confidence[row]).abs());

@@ -1,10 +1,10 @@
 //! A small place with exact labels: a box of points and segments seen from an arc.
 
+use landline::features::{FeatureSet, Keypoint};
 use landline::geometry::{CamFromWorld, Camera, Pixel, Segment2};
 use landline::math::Rng;
-use landline_mapper::labels::{
-    LabelledImage, LabelledVariant, Labels, LineTrack, Observation, PointTrack, SegmentTarget,
-};
+use landline::reconstruction::{LineTrack, Observation, PointTrack, Reconstruction, View};
+use landline_mapper::labels::{LabelledVariant, Labels};
 use nalgebra::Vector3;
 
 /// Numbers in a descriptor: XFeat's, so that a scene file takes the network.
@@ -43,35 +43,30 @@ pub(crate) fn labels(num_images: usize) -> Labels {
     let point_keys: Vec<Vec<f32>> = (0..NUM_POINTS).map(|_| descriptor()).collect();
     let line_keys: Vec<Vec<f32>> = (0..NUM_LINES).map(|_| descriptor()).collect();
     let camera = Camera::centered(640, 480, 400.0);
-    let seen_by_all = |feature: usize| {
-        (0..num_images as u32)
-            .map(|image| Observation {
-                image,
-                feature: feature as u32,
-            })
-            .collect::<Vec<_>>()
+    let seen_by_all = |feature: usize| -> Vec<Observation> {
+        (0..num_images)
+            .map(|view| Observation::new(view, feature))
+            .collect()
     };
     let mut labels = Labels {
-        descriptor_len: D,
-        samples_per_segment: SAMPLES,
         extractor: "test".to_owned(),
-        points: (0..NUM_POINTS - 1)
-            .map(|i| PointTrack {
-                point_in_world: points[i],
-                observations: seen_by_all(i),
-                descriptor: point_keys[i].clone(),
-                mean_error_px: 0.5,
-            })
-            .collect(),
-        lines: (0..NUM_LINES - 1)
-            .map(|i| LineTrack {
-                start_in_world: lines[i][0],
-                end_in_world: lines[i][1],
-                observations: seen_by_all(i),
-                descriptor: line_keys[i].clone(),
-                mean_error_px: 0.5,
-            })
-            .collect(),
+        map: Reconstruction {
+            points: (0..NUM_POINTS - 1)
+                .map(|i| PointTrack {
+                    descriptor: point_keys[i].clone(),
+                    mean_error_px: 0.5,
+                    ..PointTrack::new(points[i], seen_by_all(i))
+                })
+                .collect(),
+            lines: (0..NUM_LINES - 1)
+                .map(|i| LineTrack {
+                    descriptor: line_keys[i].clone(),
+                    mean_error_px: 0.5,
+                    ..LineTrack::new(lines[i], seen_by_all(i))
+                })
+                .collect(),
+            ..Reconstruction::default()
+        },
         ..Labels::default()
     };
     for i in 0..num_images {
@@ -86,16 +81,15 @@ pub(crate) fn labels(num_images: usize) -> Labels {
                 .pixel_from_cam(&in_cam)
                 .expect("in front of the camera")
         };
-        let image = LabelledImage {
-            name: format!("{i:03}"),
-            camera,
-            cam_from_world,
-            pixels: points.iter().map(project).collect(),
-            scores: vec![1.0; NUM_POINTS],
-            descriptors_nd: point_keys.iter().flat_map(|k| noisy(k, &mut rng)).collect(),
-            point_targets: (0..NUM_POINTS as u32)
-                .map(|t| Some(t).filter(|t| (*t as usize) < NUM_POINTS - 1))
+        let features = FeatureSet {
+            keypoints: points
+                .iter()
+                .map(|p| Keypoint {
+                    pixel: project(p),
+                    score: 1.0,
+                })
                 .collect(),
+            descriptors_nd: point_keys.iter().flat_map(|k| noisy(k, &mut rng)).collect(),
             segments: lines
                 .iter()
                 .map(|[a, b]| Segment2 {
@@ -114,21 +108,19 @@ pub(crate) fn labels(num_images: usize) -> Labels {
                         .collect::<Vec<_>>()
                 })
                 .collect(),
-            segment_targets: (0..NUM_LINES as u32)
-                .map(|track| {
-                    Some(SegmentTarget {
-                        track,
-                        reversed: false,
-                    })
-                    .filter(|t| (t.track as usize) < NUM_LINES - 1)
-                })
-                .collect(),
+            descriptor_channels: D,
+            tokens: SAMPLES,
         };
         labels.variants.push(LabelledVariant {
-            of_image: i as u32,
-            image: image.clone(),
+            of_view: i as u32,
+            features: features.clone(),
         });
-        labels.images.push(image);
+        labels.map.views.push(View {
+            name: format!("{i:03}"),
+            camera,
+            cam_from_world: Some(cam_from_world),
+            features,
+        });
     }
     labels
 }

@@ -9,6 +9,7 @@
 //! * **Cost**: [`CpuExecutor::memory`] gives the bytes held.
 
 mod kernels;
+mod mutual;
 mod split;
 
 use std::ops::Range;
@@ -24,6 +25,7 @@ use kernels::{
 };
 
 pub use crate::simd::Level;
+pub use mutual::{MutualNearest, MutualPair};
 
 use super::{
     error::NnError,

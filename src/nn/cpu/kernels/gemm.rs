@@ -38,27 +38,49 @@ impl Packed {
         bias: Option<&[f32]>,
         at: impl Fn(usize, usize) -> f32,
     ) -> Self {
-        let padded = columns.next_multiple_of(level.lanes());
-        let mut panels = Vec::with_capacity(padded * depth);
+        let mut packed = Self {
+            level,
+            depth: 0,
+            columns: 0,
+            panels: Vec::new(),
+            bias: Vec::new(),
+        };
+        packed.refill(depth, columns, at);
+        if let Some(bias) = bias {
+            packed.bias[..columns].copy_from_slice(&bias[..columns]);
+        }
+        packed
+    }
+
+    /// Packs another matrix in the same memory, without bias.
+    pub(in crate::nn::cpu) fn refill(
+        &mut self,
+        depth: usize,
+        columns: usize,
+        at: impl Fn(usize, usize) -> f32,
+    ) {
+        let lanes = self.level.lanes();
+        let padded = columns.next_multiple_of(lanes);
+        (self.depth, self.columns) = (depth, columns);
+        self.panels.clear();
+        self.panels.reserve_exact(padded * depth);
         let mut first = 0;
         while first < columns {
-            let width = panel_width(level.lanes(), columns - first);
+            let width = panel_width(lanes, columns - first);
             for k in 0..depth {
-                panels.extend(
+                self.panels.extend(
                     (first..first + width).map(|n| if n < columns { at(k, n) } else { 0.0 }),
                 );
             }
             first += width;
         }
-        let mut padded_bias = bias.map_or_else(Vec::new, <[f32]>::to_vec);
-        padded_bias.resize(padded, 0.0);
-        Self {
-            level,
-            depth,
-            columns,
-            panels,
-            bias: padded_bias,
-        }
+        self.bias.clear();
+        self.bias.resize(padded, 0.0);
+    }
+
+    /// Rows of the matrix.
+    pub(in crate::nn::cpu) fn depth(&self) -> usize {
+        self.depth
     }
 
     /// Columns of the matrix.

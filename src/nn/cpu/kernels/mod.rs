@@ -13,5 +13,6 @@ pub(super) mod attention;
 pub(super) mod conv3x3;
 pub(super) mod elementwise;
 pub(super) mod gemm;
+pub(super) mod nearest;
 pub(super) mod norm;
 pub(super) mod soft_choice;

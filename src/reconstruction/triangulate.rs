@@ -1,6 +1,7 @@
 //! One point from several rays: midpoint of two, Gauss-Newton on the reprojection error of many.
 
-use super::View;
+use super::{Observation, PosedView};
+use crate::math::elementary;
 use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
 
 /// A half line in the world.
@@ -16,7 +17,7 @@ impl Ray {
     /// Angle between two rays in radians.
     pub fn angle_to(&self, other: &Self) -> f64 {
         let cross = self.direction.cross(&other.direction).norm();
-        cross.atan2(self.direction.dot(&other.direction))
+        elementary::atan2(cross, self.direction.dot(&other.direction))
     }
 
     /// The point halfway between the closest points of two rays; `None` when they are parallel or meet behind.
@@ -39,21 +40,21 @@ impl Ray {
 /// Keypoints of several views that are to see one point.
 pub struct Bundle<'a> {
     /// All views.
-    pub views: &'a [View],
+    pub views: &'a [PosedView<'a>],
 }
 
 impl Bundle<'_> {
     /// Distance in pixels; infinite for an observation that does not exist.
-    pub fn error_px(&self, (view, keypoint): (u32, u32), point: &Vector3<f64>) -> f64 {
+    pub fn error_px(&self, seen: Observation, point: &Vector3<f64>) -> f64 {
         self.views
-            .get(view as usize)
-            .map_or(f64::INFINITY, |v| v.error_px(keypoint as usize, point))
+            .get(seen.view as usize)
+            .map_or(f64::INFINITY, |v| v.error_px(seen.feature as usize, point))
     }
 
     /// Moves a point to the least sum of Huber losses of the reprojection errors.
     pub fn refine(
         &self,
-        observations: &[(u32, u32)],
+        observations: &[Observation],
         start: Vector3<f64>,
         huber_px: f64,
     ) -> Vector3<f64> {
@@ -63,8 +64,8 @@ impl Bundle<'_> {
         for _ in 0..10 {
             let mut hessian = Matrix3::zeros();
             let mut gradient = Vector3::zeros();
-            for &(view, keypoint) in observations {
-                let Some((residual, jacobian)) = self.residual(view, keypoint, &point) else {
+            for o in observations {
+                let Some((residual, jacobian)) = self.residual(*o, &point) else {
                     continue;
                 };
                 let norm = residual.norm();
@@ -105,12 +106,11 @@ impl Bundle<'_> {
 
     fn residual(
         &self,
-        view: u32,
-        keypoint: u32,
+        seen: Observation,
         point: &Vector3<f64>,
     ) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
-        let view = self.views.get(view as usize)?;
-        let seen = view.planar.get(keypoint as usize)?;
+        let view = self.views.get(seen.view as usize)?;
+        let seen = view.planar.get(seen.feature as usize)?;
         let p = view.cam_from_world.transform_point(point);
         if !(p.z > 1e-6) || seen.x.is_nan() {
             return None;
@@ -131,7 +131,7 @@ impl Bundle<'_> {
         ))
     }
 
-    fn cost(&self, observations: &[(u32, u32)], point: &Vector3<f64>, huber_px: f64) -> f64 {
+    fn cost(&self, observations: &[Observation], point: &Vector3<f64>, huber_px: f64) -> f64 {
         observations
             .iter()
             .map(|o| {
@@ -146,11 +146,11 @@ impl Bundle<'_> {
     }
 
     /// Largest angle between the rays of the observations, in radians.
-    pub fn largest_angle(&self, observations: &[(u32, u32)], point: &Vector3<f64>) -> f64 {
+    pub fn largest_angle(&self, observations: &[Observation], point: &Vector3<f64>) -> f64 {
         let directions: Vec<Vector3<f64>> = observations
             .iter()
-            .filter_map(|(view, _)| {
-                (self.views.get(*view as usize)?.center_in_world - point).try_normalize(0.0)
+            .filter_map(|o| {
+                (self.views.get(o.view as usize)?.center_in_world - point).try_normalize(0.0)
             })
             .collect();
         // The widest angle to the first direction, then from that one: exact for views along a path, at worst half
@@ -161,7 +161,7 @@ impl Bundle<'_> {
         let farthest = |from: &Vector3<f64>| {
             directions
                 .iter()
-                .map(|d| (from.cross(d).norm().atan2(from.dot(d)), *d))
+                .map(|d| (elementary::atan2(from.cross(d).norm(), from.dot(d)), *d))
                 .fold(
                     (0.0, *from),
                     |best, next| if next.0 > best.0 { next } else { best },

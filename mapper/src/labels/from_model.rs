@@ -3,9 +3,11 @@
 //! A model's points were seen at another detector's keypoints, so a keypoint takes the point whose observation in that
 //! picture lies nearest, within [`MAX_DISTANCE_PX`]. Lines of a map are those of the very segments that were read with it.
 
-use super::points::{PointParams, Track};
-use super::{SegmentTrack, View, planar_from_pixel};
 use crate::dataset::{ModelLine, ModelPoint};
+use landline::reconstruction::{
+    LineTrack, Observation, PointParams, PointTrack, PosedView, describe_lines, describe_points,
+    planar_from_pixel,
+};
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
@@ -14,10 +16,10 @@ pub const MAX_DISTANCE_PX: f64 = 2.0;
 
 /// Point tracks; observations of `points` are of `views`.
 pub fn point_tracks_from_model(
-    views: &[View],
+    views: &[PosedView<'_>],
     points: &[ModelPoint],
     params: &PointParams,
-) -> Vec<Track> {
+) -> Vec<PointTrack> {
     let mut seen: Vec<Vec<(Vector2<f64>, u32)>> = vec![Vec::new(); views.len()];
     for (id, point) in points.iter().enumerate() {
         for (view, pixel) in &point.observations {
@@ -31,27 +33,27 @@ pub fn point_tracks_from_model(
         .zip(&seen)
         .map(|(view, seen)| nearest(view, seen, points, params.max_error_px))
         .collect();
-    let mut tracks: Vec<Track> = points
+    let mut tracks: Vec<PointTrack> = points
         .iter()
-        .map(|p| Track {
-            point_in_world: p.point_in_world,
-            observations: Vec::new(),
-        })
+        .map(|p| PointTrack::new(p.point_in_world, Vec::new()))
         .collect();
     for (view, list) in assigned.iter().enumerate() {
         for (keypoint, id) in list {
             if let Some(track) = tracks.get_mut(*id as usize) {
-                track.observations.push((view as u32, *keypoint));
+                track
+                    .observations
+                    .push(Observation::new(view, *keypoint as usize));
             }
         }
     }
     tracks.retain(|t| t.observations.len() >= 2);
+    describe_points(views, &mut tracks);
     tracks
 }
 
 /// Pairs of keypoint and point, each at most once, nearest first.
 fn nearest(
-    view: &View,
+    view: &PosedView<'_>,
     seen: &[(Vector2<f64>, u32)],
     points: &[ModelPoint],
     max_error_px: f64,
@@ -101,29 +103,28 @@ fn nearest(
 }
 
 /// Line tracks; observations of `lines` are of `views` and of their segments. A segment keeps the first line that claims it.
-pub fn line_tracks_from_map(views: &[View], lines: &[ModelLine]) -> Vec<SegmentTrack> {
+pub fn line_tracks_from_map(views: &[PosedView<'_>], lines: &[ModelLine]) -> Vec<LineTrack> {
     let mut is_taken: Vec<Vec<bool>> = views
         .iter()
         .map(|v| vec![false; v.segment_ends.len()])
         .collect();
-    lines
+    let mut tracks: Vec<LineTrack> = lines
         .iter()
         .filter_map(|line| {
-            let mut observations: Vec<(u32, u32)> = line
+            let mut observations: Vec<Observation> = line
                 .observations
                 .iter()
                 .filter_map(|(view, segment)| {
                     let taken = is_taken.get_mut(*view)?.get_mut(*segment)?;
                     let is_new = !std::mem::replace(taken, true);
-                    is_new.then_some((*view as u32, *segment as u32))
+                    is_new.then(|| Observation::new(*view, *segment))
                 })
                 .collect();
             observations.sort_unstable();
-            (!observations.is_empty()).then_some(SegmentTrack {
-                start_in_world: line.start_in_world,
-                end_in_world: line.end_in_world,
-                observations,
-            })
+            (!observations.is_empty())
+                .then(|| LineTrack::new([line.start_in_world, line.end_in_world], observations))
         })
-        .collect()
+        .collect();
+    describe_lines(views, &mut tracks);
+    tracks
 }

@@ -1,7 +1,6 @@
 //! Infinite lines in the world: from planes through segments, projected into views, measured against segments.
 
-use super::super::View;
-use super::SegmentTrack;
+use super::super::{LineTrack, PosedView};
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// An infinite line in the world.
@@ -55,7 +54,7 @@ pub(super) struct SegmentPlane {
     pub(super) normal: Vector3<f64>,
 }
 
-pub(super) fn segment_plane(view: &View, segment: usize) -> Option<SegmentPlane> {
+pub(super) fn segment_plane(view: &PosedView<'_>, segment: usize) -> Option<SegmentPlane> {
     let ends = view.segment_ends.get(segment)?;
     let a = view.ray_through(&ends[0]);
     let b = view.ray_through(&ends[1]);
@@ -68,7 +67,7 @@ pub(super) fn segment_plane(view: &View, segment: usize) -> Option<SegmentPlane>
 
 /// Whether the line lies in front of a view, at a believable depth, where the segment is.
 pub(super) fn lies_in_front(
-    view: &View,
+    view: &PosedView<'_>,
     line: &WorldLine,
     ends: &[Vector2<f64>; 2],
     depth: f64,
@@ -85,7 +84,7 @@ pub(super) fn lies_in_front(
 }
 
 /// Largest distance in pixels of a segment's ends from the projected line; infinite when the line is not in view.
-pub(super) fn line_error_px(view: &View, segment: usize, line: &WorldLine) -> f64 {
+pub(super) fn line_error_px(view: &PosedView<'_>, segment: usize, line: &WorldLine) -> f64 {
     let Some(ends) = view.segment_ends.get(segment) else {
         return f64::INFINITY;
     };
@@ -98,7 +97,7 @@ pub(super) fn line_error_px(view: &View, segment: usize, line: &WorldLine) -> f6
 }
 
 /// The line on the plane z = 1, with a unit normal.
-pub(super) fn project(view: &View, line: &WorldLine) -> Option<Vector3<f64>> {
+pub(super) fn project(view: &PosedView<'_>, line: &WorldLine) -> Option<Vector3<f64>> {
     let p = view.cam_from_world.transform_point(&line.point);
     let d = view.cam_from_world.rotation * line.direction;
     let normal = p.cross(&d);
@@ -107,7 +106,11 @@ pub(super) fn project(view: &View, line: &WorldLine) -> Option<Vector3<f64>> {
 }
 
 /// Range along the line that a segment covers.
-pub(super) fn covered(view: &View, segment: usize, line: &WorldLine) -> Option<(f64, f64)> {
+pub(super) fn covered(
+    view: &PosedView<'_>,
+    segment: usize,
+    line: &WorldLine,
+) -> Option<(f64, f64)> {
     let ends = view.segment_ends.get(segment)?;
     let mut range = [0.0; 2];
     for (value, end) in range.iter_mut().zip(ends) {
@@ -124,7 +127,7 @@ pub(super) fn covered(view: &View, segment: usize, line: &WorldLine) -> Option<(
     Some((range[0].min(range[1]), range[0].max(range[1])))
 }
 
-pub(super) fn line_of(track: &SegmentTrack) -> Option<WorldLine> {
+pub(super) fn line_of(track: &LineTrack) -> Option<WorldLine> {
     line_through(&track.start_in_world, &track.end_in_world)
 }
 

@@ -1,11 +1,11 @@
 //! Point tracks: matches are joined, triangulated robustly, completed along matches and by projection, merged, filtered.
 
-use super::View;
 use super::matching::Match;
+use super::track::{describe_points, point_descriptor};
 use super::triangulate::{Bundle, Ray};
-use landline::math::Rng;
-use nalgebra::{DVector, Vector3};
-use rayon::prelude::*;
+use super::{Observation, PointTrack, PosedView};
+use crate::math::{Rng, elementary, parallel};
+use nalgebra::Vector3;
 use std::collections::HashSet;
 
 /// What makes a track.
@@ -38,21 +38,16 @@ impl Default for PointParams {
     }
 }
 
-/// A point and what sees it: (view, keypoint), sorted.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Track {
-    /// Triangulated.
-    pub point_in_world: Vector3<f64>,
-    /// At most one a view.
-    pub observations: Vec<(u32, u32)>,
-}
-
 /// Loss of the refinement turns linear here; about the noise of an integer keypoint in several views.
 const HUBER_PX: f64 = 1.5;
 const NO_TRACK: u32 = u32::MAX;
 
 /// Builds the tracks of a scene.
-pub fn build_point_tracks(views: &[View], matches: &[Match], params: &PointParams) -> Vec<Track> {
+pub fn build_point_tracks(
+    views: &[PosedView<'_>],
+    matches: &[Match],
+    params: &PointParams,
+) -> Vec<PointTrack> {
     let bundle = Bundle { views };
     let nodes = Nodes::new(views);
     let mut edges: Vec<(u32, u32, f32)> = matches
@@ -61,11 +56,12 @@ pub fn build_point_tracks(views: &[View], matches: &[Match], params: &PointParam
         .collect();
     edges.sort_unstable_by(|x, y| y.2.total_cmp(&x.2).then((x.0, x.1).cmp(&(y.0, y.1))));
     let components = join(&nodes, &edges);
-    let mut tracks: Vec<Track> = components
-        .par_iter()
-        .enumerate()
-        .flat_map_iter(|(seed, component)| robust(&bundle, component, params, seed as u64))
-        .collect();
+    let mut tracks: Vec<PointTrack> = parallel::map(components.len(), |seed| {
+        robust(&bundle, &components[seed], params, seed as u64)
+    })
+    .into_iter()
+    .flatten()
+    .collect();
     for _ in 0..params.rounds {
         let mut owner = nodes.owners(&tracks);
         complete(&bundle, &nodes, &edges, &mut tracks, &mut owner, params);
@@ -81,6 +77,7 @@ pub fn build_point_tracks(views: &[View], matches: &[Match], params: &PointParam
                 .to_degrees()
                 >= params.min_angle_deg
     });
+    describe_points(views, &mut tracks);
     tracks
 }
 
@@ -90,7 +87,7 @@ struct Nodes {
 }
 
 impl Nodes {
-    fn new(views: &[View]) -> Self {
+    fn new(views: &[PosedView<'_>]) -> Self {
         let mut first = vec![0];
         let mut next = 0;
         for view in views {
@@ -104,16 +101,19 @@ impl Nodes {
         self.first.last().copied().unwrap_or(0) as usize
     }
 
-    fn of(&self, (view, keypoint): (u32, u32)) -> u32 {
-        self.first[view as usize] + keypoint
+    fn of(&self, seen: Observation) -> u32 {
+        self.first[seen.view as usize] + seen.feature
     }
 
-    fn observation(&self, node: u32) -> (u32, u32) {
+    fn observation(&self, node: u32) -> Observation {
         let view = self.first.partition_point(|first| *first <= node) - 1;
-        (view as u32, node - self.first[view])
+        Observation {
+            view: view as u32,
+            feature: node - self.first[view],
+        }
     }
 
-    fn owners(&self, tracks: &[Track]) -> Vec<u32> {
+    fn owners(&self, tracks: &[PointTrack]) -> Vec<u32> {
         let mut owner = vec![NO_TRACK; self.len()];
         for (t, track) in tracks.iter().enumerate() {
             for o in &track.observations {
@@ -134,9 +134,9 @@ pub(super) fn root(parent: &mut [u32], mut node: u32) -> u32 {
 }
 
 /// Joins matched keypoints, best match first, unless the two sets already hold keypoints of one view.
-fn join(nodes: &Nodes, edges: &[(u32, u32, f32)]) -> Vec<Vec<(u32, u32)>> {
+fn join(nodes: &Nodes, edges: &[(u32, u32, f32)]) -> Vec<Vec<Observation>> {
     let mut parent: Vec<u32> = (0..nodes.len() as u32).collect();
-    let mut members: Vec<Vec<(u32, u32)>> = parent
+    let mut members: Vec<Vec<Observation>> = parent
         .iter()
         .map(|node| vec![nodes.observation(*node)])
         .collect();
@@ -151,11 +151,9 @@ fn join(nodes: &Nodes, edges: &[(u32, u32, f32)]) -> Vec<Vec<(u32, u32)>> {
             (b, a)
         };
         let large_members = &members[large as usize];
-        let clash = members[small as usize].iter().any(|(view, _)| {
-            large_members
-                .binary_search_by_key(view, |(v, _)| *v)
-                .is_ok()
-        });
+        let clash = members[small as usize]
+            .iter()
+            .any(|o| position_of_view(large_members, o.view).is_ok());
         if clash {
             continue;
         }
@@ -171,10 +169,10 @@ fn join(nodes: &Nodes, edges: &[(u32, u32, f32)]) -> Vec<Vec<(u32, u32)>> {
 /// Tracks of one set of joined keypoints: the best supported point, then whatever the rest supports.
 fn robust(
     bundle: &Bundle<'_>,
-    component: &[(u32, u32)],
+    component: &[Observation],
     params: &PointParams,
     seed: u64,
-) -> Vec<Track> {
+) -> Vec<PointTrack> {
     let mut rest = component.to_vec();
     let mut tracks = Vec::new();
     let mut rng = Rng::from_seed(seed);
@@ -190,13 +188,13 @@ fn robust(
 
 fn best_point(
     bundle: &Bundle<'_>,
-    observations: &[(u32, u32)],
+    observations: &[Observation],
     params: &PointParams,
     rng: &mut Rng,
-) -> Option<Track> {
+) -> Option<PointTrack> {
     let rays: Vec<Ray> = observations
         .iter()
-        .map(|(view, keypoint)| bundle.views[*view as usize].ray(*keypoint as usize))
+        .map(|o| bundle.views[o.view as usize].ray(o.feature as usize))
         .collect();
     let n = observations.len();
     let all_pairs = n * (n - 1) / 2;
@@ -242,18 +240,15 @@ fn best_point(
         point = bundle.refine(&inliers, point, HUBER_PX);
     }
     inliers.retain(|o| bundle.error_px(*o, &point) <= params.max_error_px);
-    (inliers.len() >= 2).then_some(Track {
-        point_in_world: point,
-        observations: inliers,
-    })
+    (inliers.len() >= 2).then(|| PointTrack::new(point, inliers))
 }
 
 fn within(
     bundle: &Bundle<'_>,
-    observations: &[(u32, u32)],
+    observations: &[Observation],
     point: &Vector3<f64>,
     max_error_px: f64,
-) -> Vec<(u32, u32)> {
+) -> Vec<Observation> {
     observations
         .iter()
         .copied()
@@ -266,7 +261,7 @@ fn complete(
     bundle: &Bundle<'_>,
     nodes: &Nodes,
     edges: &[(u32, u32, f32)],
-    tracks: &mut [Track],
+    tracks: &mut [PointTrack],
     owner: &mut [u32],
     params: &PointParams,
 ) {
@@ -281,10 +276,7 @@ fn complete(
         if bundle.error_px(observation, &target.point_in_world) > params.max_error_px {
             continue;
         }
-        if let Err(at) = target
-            .observations
-            .binary_search_by_key(&observation.0, |(view, _)| *view)
-        {
+        if let Err(at) = position_of_view(&target.observations, observation.view) {
             target.observations.insert(at, observation);
             owner[free as usize] = track;
         }
@@ -295,7 +287,7 @@ fn complete(
 fn merge(
     bundle: &Bundle<'_>,
     edges: &[(u32, u32, f32)],
-    tracks: &mut Vec<Track>,
+    tracks: &mut Vec<PointTrack>,
     owner: &[u32],
     params: &PointParams,
 ) {
@@ -313,7 +305,7 @@ fn merge(
         let (first, second) = (&tracks[t as usize], &tracks[u as usize]);
         // A quick look before the refinement: points that are one see each other's observations almost as well.
         let loose = 2.0 * params.max_error_px;
-        let sees = |from: &Track, point: &Vector3<f64>| {
+        let sees = |from: &PointTrack, point: &Vector3<f64>| {
             from.observations
                 .iter()
                 .all(|o| bundle.error_px(*o, point) <= loose)
@@ -321,12 +313,10 @@ fn merge(
         if !sees(second, &first.point_in_world) && !sees(first, &second.point_in_world) {
             continue;
         }
-        let clash = first.observations.iter().any(|(view, _)| {
-            second
-                .observations
-                .binary_search_by_key(view, |(v, _)| *v)
-                .is_ok()
-        });
+        let clash = first
+            .observations
+            .iter()
+            .any(|o| position_of_view(&second.observations, o.view).is_ok());
         if clash {
             continue;
         }
@@ -345,148 +335,126 @@ fn merge(
         let (into, gone) = (t.min(u), t.max(u));
         parent[gone as usize] = into;
         tracks[gone as usize].observations.clear();
-        tracks[into as usize] = Track {
-            point_in_world: point,
-            observations,
-        };
+        tracks[into as usize] = PointTrack::new(point, observations);
     }
 
     tracks.retain(|t| !t.observations.is_empty());
 }
 
 /// Refines every track on its observations and drops those that do not fit.
-fn settle(bundle: &Bundle<'_>, tracks: Vec<Track>, params: &PointParams) -> Vec<Track> {
-    tracks
-        .into_par_iter()
-        .filter_map(|track| {
-            let mut point = bundle.refine(&track.observations, track.point_in_world, HUBER_PX);
-            let inliers = within(bundle, &track.observations, &point, params.max_error_px);
-            if inliers.len() < 2 {
-                return None;
-            }
-            if inliers.len() < track.observations.len() {
-                point = bundle.refine(&inliers, point, HUBER_PX);
-            }
-            let observations = within(bundle, &inliers, &point, params.max_error_px);
-            (observations.len() >= 2).then_some(Track {
-                point_in_world: point,
-                observations,
-            })
-        })
-        .collect()
+fn settle(bundle: &Bundle<'_>, tracks: Vec<PointTrack>, params: &PointParams) -> Vec<PointTrack> {
+    let settled = parallel::map(tracks.len(), |t| {
+        let track = &tracks[t];
+        let mut point = bundle.refine(&track.observations, track.point_in_world, HUBER_PX);
+        let inliers = within(bundle, &track.observations, &point, params.max_error_px);
+        if inliers.len() < 2 {
+            return None;
+        }
+        if inliers.len() < track.observations.len() {
+            point = bundle.refine(&inliers, point, HUBER_PX);
+        }
+        let observations = within(bundle, &inliers, &point, params.max_error_px);
+        (observations.len() >= 2).then(|| PointTrack::new(point, observations))
+    });
+    settled.into_iter().flatten().collect()
 }
 
-/// Mean descriptor of a track, of unit length.
-pub(crate) fn mean_descriptor(views: &[View], observations: &[(u32, u32)]) -> DVector<f32> {
-    let d = views.first().map_or(0, |v| v.descriptors_dn.nrows());
-    let mut mean = DVector::zeros(d);
-    for (view, keypoint) in observations {
-        mean += views[*view as usize]
-            .descriptors_dn
-            .column(*keypoint as usize);
-    }
-    let norm = mean.norm();
-    if norm > 0.0 {
-        mean /= norm;
-    }
-    mean
+/// Where a view's observation is in a sorted list, or where it would be.
+fn position_of_view(observations: &[Observation], view: u32) -> Result<usize, usize> {
+    observations.binary_search_by_key(&view, |o| o.view)
 }
 
 /// Finds observations that no match found: keypoints without a track near a projected point, seen from a similar
 /// direction, with a similar descriptor.
-fn by_projection(views: &[View], nodes: &Nodes, tracks: &mut [Track], params: &PointParams) {
+fn by_projection(
+    views: &[PosedView<'_>],
+    nodes: &Nodes,
+    tracks: &mut [PointTrack],
+    params: &PointParams,
+) {
     let owner = nodes.owners(tracks);
     struct Known {
-        descriptor: DVector<f32>,
+        descriptor: Vec<f32>,
         directions: Vec<Vector3<f64>>,
         depth: (f64, f64),
     }
-    let known: Vec<Option<Known>> = tracks
-        .par_iter()
-        .map(|track| {
-            if track.observations.len() < params.min_observations {
-                return None;
-            }
-            let offsets: Vec<Vector3<f64>> = track
-                .observations
+    let known: Vec<Option<Known>> = parallel::map(tracks.len(), |t| {
+        let track = &tracks[t];
+        if track.observations.len() < params.min_observations {
+            return None;
+        }
+        let offsets: Vec<Vector3<f64>> = track
+            .observations
+            .iter()
+            .map(|o| views[o.view as usize].center_in_world - track.point_in_world)
+            .collect();
+        let depth = offsets
+            .iter()
+            .map(Vector3::norm)
+            .fold((f64::MAX, 0f64), |(low, high), d| (low.min(d), high.max(d)));
+        Some(Known {
+            descriptor: point_descriptor(views, &track.observations),
+            directions: offsets
                 .iter()
-                .map(|(view, _)| views[*view as usize].center_in_world - track.point_in_world)
-                .collect();
-            let depth = offsets
-                .iter()
-                .map(Vector3::norm)
-                .fold((f64::MAX, 0f64), |(low, high), d| (low.min(d), high.max(d)));
-            Some(Known {
-                descriptor: mean_descriptor(views, &track.observations),
-                directions: offsets
-                    .iter()
-                    .filter_map(|o| o.try_normalize(0.0))
-                    .collect(),
-                depth,
-            })
+                .filter_map(|o| o.try_normalize(0.0))
+                .collect(),
+            depth,
         })
-        .collect();
-    let cos_limit = params.max_view_angle_deg.to_radians().cos();
-    let found: Vec<Vec<(u32, u32, u32, f32)>> = views
-        .par_iter()
-        .enumerate()
-        .map(|(v, view)| {
-            let free = Grid::new(
-                view,
-                params.max_error_px,
-                (0..view.planar.len())
-                    .filter(|k| owner[nodes.of((v as u32, *k as u32)) as usize] == NO_TRACK),
-            );
-            let mut best: Vec<Option<(f32, u32)>> = vec![None; view.planar.len()];
-            for (t, (track, known)) in tracks.iter().zip(&known).enumerate() {
-                let Some(known) = known else { continue };
-                let point = &track.point_in_world;
-                let Some(place) = view.planar_from_world(point) else {
+    });
+    let cos_limit = elementary::cos(params.max_view_angle_deg.to_radians());
+    let found: Vec<Vec<(u32, u32, u32, f32)>> = parallel::map(views.len(), |v| {
+        let view = &views[v];
+        let free = Grid::new(
+            view,
+            params.max_error_px,
+            (0..view.planar.len())
+                .filter(|k| owner[nodes.of(Observation::new(v, *k)) as usize] == NO_TRACK),
+        );
+        let mut best: Vec<Option<(f32, u32)>> = vec![None; view.planar.len()];
+        for (t, (track, known)) in tracks.iter().zip(&known).enumerate() {
+            let Some(known) = known else { continue };
+            let point = &track.point_in_world;
+            let Some(place) = view.planar_from_world(point) else {
+                continue;
+            };
+            let Some(candidates) = free.near(place * view.focal_px) else {
+                continue;
+            };
+            let offset = view.center_in_world - point;
+            let distance = offset.norm();
+            if distance < 0.6 * known.depth.0 || distance > 1.6 * known.depth.1 {
+                continue;
+            }
+            let direction = offset / distance;
+            if !known
+                .directions
+                .iter()
+                .any(|d| d.dot(&direction) >= cos_limit)
+            {
+                continue;
+            }
+            if position_of_view(&track.observations, v as u32).is_ok() {
+                continue;
+            }
+            for k in candidates {
+                if view.error_px(k as usize, point) > params.max_error_px {
+                    continue;
+                }
+                let Some(descriptor) = view.features.descriptor(k as usize) else {
                     continue;
                 };
-                let Some(candidates) = free.near(place * view.focal_px) else {
-                    continue;
-                };
-                let offset = view.center_in_world - point;
-                let distance = offset.norm();
-                if distance < 0.6 * known.depth.0 || distance > 1.6 * known.depth.1 {
-                    continue;
-                }
-                let direction = offset / distance;
-                if !known
-                    .directions
-                    .iter()
-                    .any(|d| d.dot(&direction) >= cos_limit)
-                {
-                    continue;
-                }
-                let is_there = track
-                    .observations
-                    .binary_search_by_key(&(v as u32), |(view, _)| *view)
-                    .is_ok();
-                if is_there {
-                    continue;
-                }
-                for k in candidates {
-                    if view.error_px(k as usize, point) > params.max_error_px {
-                        continue;
-                    }
-                    let cosine = view
-                        .descriptors_dn
-                        .column(k as usize)
-                        .dot(&known.descriptor);
-                    let slot = &mut best[k as usize];
-                    if cosine >= params.min_cosine && slot.is_none_or(|(c, _)| cosine > c) {
-                        *slot = Some((cosine, t as u32));
-                    }
+                let cosine = dot(descriptor, &known.descriptor);
+                let slot = &mut best[k as usize];
+                if cosine >= params.min_cosine && slot.is_none_or(|(c, _)| cosine > c) {
+                    *slot = Some((cosine, t as u32));
                 }
             }
-            best.iter()
-                .enumerate()
-                .filter_map(|(k, b)| b.map(|(cosine, t)| (t, v as u32, k as u32, cosine)))
-                .collect()
-        })
-        .collect();
+        }
+        best.iter()
+            .enumerate()
+            .filter_map(|(k, b)| b.map(|(cosine, t)| (t, v as u32, k as u32, cosine)))
+            .collect()
+    });
     let mut found: Vec<(u32, u32, u32, f32)> = found.into_iter().flatten().collect();
     found.sort_unstable_by(|x, y| {
         y.3.total_cmp(&x.3)
@@ -494,10 +462,29 @@ fn by_projection(views: &[View], nodes: &Nodes, tracks: &mut [Track], params: &P
     });
     for (t, view, keypoint, _) in found {
         let observations = &mut tracks[t as usize].observations;
-        if let Err(at) = observations.binary_search_by_key(&view, |(v, _)| *v) {
-            observations.insert(at, (view, keypoint));
+        if let Err(at) = position_of_view(observations, view) {
+            observations.insert(
+                at,
+                Observation {
+                    view,
+                    feature: keypoint,
+                },
+            );
         }
     }
+}
+
+/// Dot product in eight sums, which the compiler makes vectors of.
+pub(super) fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let ((a8, a_rest), (b8, b_rest)) = (a.as_chunks::<8>(), b.as_chunks::<8>());
+    let mut sums = [0.0f32; 8];
+    for (x, y) in a8.iter().zip(b8) {
+        for (sum, (x, y)) in sums.iter_mut().zip(x.iter().zip(y)) {
+            *sum += x * y;
+        }
+    }
+    let rest: f32 = a_rest.iter().zip(b_rest).map(|(x, y)| x * y).sum();
+    sums.iter().sum::<f32>() + rest
 }
 
 /// Some keypoints of a view in square cells.
@@ -511,7 +498,7 @@ struct Grid {
 }
 
 impl Grid {
-    fn new(view: &View, reach_px: f64, keypoints: impl Iterator<Item = usize>) -> Self {
+    fn new(view: &PosedView<'_>, reach_px: f64, keypoints: impl Iterator<Item = usize>) -> Self {
         let cell = 2.0 * reach_px;
         let places: Vec<(usize, f64, f64)> = keypoints
             .filter_map(|k| {

@@ -1,21 +1,23 @@
 //! Tracks of one line become one track, and segments that no match found join the track they lie on.
 
-use super::super::View;
+use super::super::points::dot;
+use super::super::track::{line_descriptor, unit_mean};
+use super::super::{LineTrack, Observation, PosedView};
+use super::LineParams;
 use super::fit::settle;
 use super::world_line::{WorldLine, covered, line_error_px, line_of, line_through, project};
-use super::{LineParams, SegmentTrack, mean_segment_descriptor};
-use nalgebra::{DVector, Vector3};
-use rayon::prelude::*;
+use crate::math::parallel;
+use nalgebra::Vector3;
 
 /// Joins tracks that are the same line: nearly all observations of the shorter one fit the longer one, and they overlap
 /// or nearly touch.
 pub(super) fn merge(
-    views: &[View],
-    mut tracks: Vec<SegmentTrack>,
+    views: &[PosedView<'_>],
+    mut tracks: Vec<LineTrack>,
     params: &LineParams,
-) -> Vec<SegmentTrack> {
+) -> Vec<LineTrack> {
     tracks.sort_by_key(|t| std::cmp::Reverse(t.observations.len()));
-    let mut merged: Vec<SegmentTrack> = Vec::new();
+    let mut merged: Vec<LineTrack> = Vec::new();
     for track in tracks {
         let mut taken = false;
         for target in &mut merged {
@@ -39,8 +41,9 @@ pub(super) fn merge(
             let fits = track
                 .observations
                 .iter()
-                .filter(|(v, s)| {
-                    line_error_px(&views[*v as usize], *s as usize, &line) <= params.max_error_px
+                .filter(|o| {
+                    let view = &views[o.view as usize];
+                    line_error_px(view, o.feature as usize, &line) <= params.max_error_px
                 })
                 .count();
             if fits * 10 < track.observations.len() * 7 {
@@ -71,7 +74,7 @@ pub struct KnownLine {
     /// The other end.
     pub end_in_world: Vector3<f64>,
     /// Mean descriptor, of unit length.
-    pub descriptor: DVector<f32>,
+    pub descriptor: Vec<f32>,
     /// Positions of the cameras that saw it.
     pub seen_from: Vec<Vector3<f64>>,
 }
@@ -98,12 +101,17 @@ impl KnownLine {
 /// it, seen from a similar direction, looking alike; of several the nearest in the picture, as (error in pixels, line).
 /// Segments for which `is_free` is false are left out.
 pub fn assign_segments(
-    view: &View,
+    view: &PosedView<'_>,
     lines: &[KnownLine],
     params: &LineParams,
     is_free: impl Fn(usize) -> bool,
 ) -> Vec<Option<(f64, usize)>> {
     let mut best: Vec<Option<(f64, usize)>> = vec![None; view.segment_ends.len()];
+    let mean = |s: usize| {
+        let rows = view.features.segment_descriptors(s);
+        unit_mean(rows.into_iter(), view.features.descriptor_channels)
+    };
+    let means: Vec<Vec<f32>> = (0..best.len()).map(mean).collect();
     for (l, known) in lines.iter().enumerate() {
         let Some(line) = known.line() else { continue };
         if !known.is_seen_near(&view.center_in_world) {
@@ -130,7 +138,7 @@ pub fn assign_segments(
             if to.min(length) - from.max(0.0) < 0.7 * (to - from).min(length) {
                 continue;
             }
-            if !(view.mean_of_segment(s).dot(&known.descriptor) >= params.min_cosine) {
+            if !(dot(&means[s], &known.descriptor) >= params.min_cosine) {
                 continue;
             }
             if best[s].is_none_or(|(least, _)| error < least) {
@@ -142,38 +150,40 @@ pub fn assign_segments(
 }
 
 /// Adds segments that no match found to the tracks that they show.
-pub(super) fn by_projection(views: &[View], tracks: &mut [SegmentTrack], params: &LineParams) {
+pub(super) fn by_projection(
+    views: &[PosedView<'_>],
+    tracks: &mut [LineTrack],
+    params: &LineParams,
+) {
     let mut owned: Vec<Vec<bool>> = views
         .iter()
         .map(|v| vec![false; v.segment_ends.len()])
         .collect();
     for track in tracks.iter() {
-        for (v, s) in &track.observations {
-            owned[*v as usize][*s as usize] = true;
+        for o in &track.observations {
+            owned[o.view as usize][o.feature as usize] = true;
         }
     }
-    let known: Vec<KnownLine> = tracks
-        .par_iter()
-        .map(|t| KnownLine {
-            start_in_world: t.start_in_world,
-            end_in_world: t.end_in_world,
-            descriptor: mean_segment_descriptor(views, &t.observations),
-            seen_from: t
+    let known: Vec<KnownLine> = parallel::map(tracks.len(), |t| {
+        let track = &tracks[t];
+        KnownLine {
+            start_in_world: track.start_in_world,
+            end_in_world: track.end_in_world,
+            descriptor: line_descriptor(views, &track.observations),
+            seen_from: track
                 .observations
                 .iter()
-                .map(|(v, _)| views[*v as usize].center_in_world)
+                .map(|o| views[o.view as usize].center_in_world)
                 .collect(),
-        })
-        .collect();
-    let found: Vec<Vec<Option<(f64, usize)>>> = views
-        .par_iter()
-        .zip(&owned)
-        .map(|(view, owned)| assign_segments(view, &known, params, |s| !owned[s]))
-        .collect();
+        }
+    });
+    let found: Vec<Vec<Option<(f64, usize)>>> = parallel::map(views.len(), |v| {
+        assign_segments(&views[v], &known, params, |s| !owned[v][s])
+    });
     for (v, segments) in found.iter().enumerate() {
         for (s, line) in segments.iter().enumerate() {
             let Some((_, t)) = line else { continue };
-            let observation = (v as u32, s as u32);
+            let observation = Observation::new(v, s);
             let observations = &mut tracks[*t].observations;
             if let Err(at) = observations.binary_search(&observation) {
                 observations.insert(at, observation);

@@ -1,6 +1,6 @@
 //! Which tracks to keep when there is room for few: those that together cover all pictures evenly.
 
-use super::{Labels, Observation};
+use super::Observation;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
@@ -41,14 +41,14 @@ const LEAST_ERROR_PX: f64 = 0.25;
 pub fn cover(
     observations: &[&[Observation]],
     errors_px: impl Fn(usize) -> f32,
-    num_images: usize,
+    num_views: usize,
     most: usize,
 ) -> Vec<usize> {
-    let mut covered = vec![0u32; num_images];
+    let mut covered = vec![0u32; num_views];
     let gain = |track: usize, covered: &[u32]| -> f64 {
         let sum: f64 = observations[track]
             .iter()
-            .filter_map(|o| covered.get(o.image as usize))
+            .filter_map(|o| covered.get(o.view as usize))
             .map(|n| 1.0 / f64::from(1 + n))
             .sum();
         sum / f64::from(errors_px(track)).max(LEAST_ERROR_PX)
@@ -70,7 +70,7 @@ pub fn cover(
             continue;
         }
         for o in observations[best.track] {
-            if let Some(n) = covered.get_mut(o.image as usize) {
+            if let Some(n) = covered.get_mut(o.view as usize) {
                 *n += 1;
             }
         }
@@ -79,64 +79,28 @@ pub fn cover(
     chosen
 }
 
-impl Labels {
-    /// The best `most` point tracks, best first ([`cover`]).
-    pub fn landmarks(&self, most: usize) -> Vec<usize> {
-        let observations: Vec<&[Observation]> = self
-            .points
-            .iter()
-            .map(|p| p.observations.as_slice())
-            .collect();
-        let error = |track: usize| self.points[track].mean_error_px;
-        cover(&observations, error, self.images.len(), most)
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::{LabelledImage, PointTrack};
     use super::*;
-    use landline::geometry::{CamFromWorld, Camera};
-    use nalgebra::Vector3;
 
     #[test]
     fn covers_every_picture_before_it_piles_up_on_one() {
-        let image = LabelledImage {
-            name: String::new(),
-            camera: Camera::centered(4, 4, 4.0),
-            cam_from_world: CamFromWorld::identity(),
-            pixels: Vec::new(),
-            scores: Vec::new(),
-            descriptors_nd: Vec::new(),
-            point_targets: Vec::new(),
-            segments: Vec::new(),
-            segment_descriptors_nsd: Vec::new(),
-            segment_targets: Vec::new(),
+        let seen = |views: &[usize]| -> Vec<Observation> {
+            views.iter().map(|v| Observation::new(*v, 0)).collect()
         };
-        let track = |images: &[u32], mean_error_px| PointTrack {
-            point_in_world: Vector3::zeros(),
-            observations: images
-                .iter()
-                .map(|&image| Observation { image, feature: 0 })
-                .collect(),
-            descriptor: Vec::new(),
-            mean_error_px,
-        };
-        let labels = Labels {
-            images: vec![image; 6],
-            points: vec![
-                track(&[0, 1, 2, 3], 1.0),
-                track(&[0, 1, 2, 3], 1.0),
-                track(&[4, 5], 1.5),
-                track(&[4, 5], 1.0),
-            ],
-            ..Labels::default()
-        };
+        let tracks = [
+            seen(&[0, 1, 2, 3]),
+            seen(&[0, 1, 2, 3]),
+            seen(&[4, 5]),
+            seen(&[4, 5]),
+            seen(&[]),
+        ];
+        let slices: Vec<&[Observation]> = tracks.iter().map(Vec::as_slice).collect();
+        let errors = [1.0, 1.0, 1.5, 1.0, 0.1];
         // The second long track adds 4 * 1/2, the precise short one 2 * 1, and of equals the first goes first.
-        assert_eq!(labels.landmarks(3), [0, 1, 3]);
-        assert_eq!(labels.landmarks(9).len(), 4);
-        let mut precise = labels;
-        precise.points[3].mean_error_px = 0.9;
-        assert_eq!(precise.landmarks(2), [0, 3]);
+        assert_eq!(cover(&slices, |t| errors[t], 6, 3), [0, 1, 3]);
+        assert_eq!(cover(&slices, |t| errors[t], 6, 9).len(), 4);
+        let precise = [1.0, 1.0, 1.5, 0.9, 0.1];
+        assert_eq!(cover(&slices, |t| precise[t], 6, 2), [0, 3]);
     }
 }

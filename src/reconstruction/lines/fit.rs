@@ -1,19 +1,19 @@
 //! The line of a set of segments: robustly found, refined, cut to what was seen.
 
-use super::super::View;
+use super::super::{LineTrack, Observation, PosedView};
+use super::LineParams;
 use super::world_line::{SegmentPlane, WorldLine, covered, line_error_px, segment_plane};
-use super::{LineParams, SegmentTrack};
-use landline::math::Rng;
-use landline::math::stats::quantile_in_place;
+use crate::math::stats::quantile_in_place;
+use crate::math::{Rng, elementary};
 use nalgebra::{Matrix3, Vector3};
 
 /// All lines of a set of segments, best first; what fits none is left out.
 pub(super) fn robust(
-    views: &[View],
-    component: &[(u32, u32)],
+    views: &[PosedView<'_>],
+    component: &[Observation],
     params: &LineParams,
     seed: u64,
-) -> Vec<SegmentTrack> {
+) -> Vec<LineTrack> {
     let mut rest = component.to_vec();
     let mut tracks = Vec::new();
     let mut rng = Rng::from_seed(seed);
@@ -32,17 +32,17 @@ pub(super) fn robust(
 
 /// The line of two segments that most others agree with; returns who agrees.
 fn best_line(
-    views: &[View],
-    observations: &[(u32, u32)],
+    views: &[PosedView<'_>],
+    observations: &[Observation],
     params: &LineParams,
     rng: &mut Rng,
-) -> Option<Vec<(u32, u32)>> {
+) -> Option<Vec<Observation>> {
     let planes: Vec<Option<SegmentPlane>> = observations
         .iter()
-        .map(|(v, s)| segment_plane(&views[*v as usize], *s as usize))
+        .map(|o| segment_plane(&views[o.view as usize], o.feature as usize))
         .collect();
     let n = observations.len();
-    let min_sin = params.min_plane_angle_deg.to_radians().sin();
+    let min_sin = elementary::sin(params.min_plane_angle_deg.to_radians());
     let mut best: Option<(f64, WorldLine)> = None;
     const MAX_PAIRS: usize = 60;
     let all = n * (n - 1) / 2;
@@ -69,8 +69,8 @@ fn best_line(
         }
         let score: f64 = observations
             .iter()
-            .map(|(v, s)| {
-                line_error_px(&views[*v as usize], *s as usize, &line)
+            .map(|o| {
+                line_error_px(&views[o.view as usize], o.feature as usize, &line)
                     .powi(2)
                     .min(limit_sq)
             })
@@ -80,11 +80,11 @@ fn best_line(
         }
     }
     let (_, line) = best?;
-    let inliers: Vec<(u32, u32)> = observations
+    let inliers: Vec<Observation> = observations
         .iter()
         .copied()
-        .filter(|(v, s)| {
-            line_error_px(&views[*v as usize], *s as usize, &line) <= params.max_error_px
+        .filter(|o| {
+            line_error_px(&views[o.view as usize], o.feature as usize, &line) <= params.max_error_px
         })
         .collect();
     (inliers.len() >= 2).then_some(inliers)
@@ -92,10 +92,10 @@ fn best_line(
 
 /// Fits a line to observations, drops what does not fit, cuts the line to what was seen.
 pub(super) fn settle(
-    views: &[View],
-    observations: &[(u32, u32)],
+    views: &[PosedView<'_>],
+    observations: &[Observation],
     params: &LineParams,
-) -> Option<SegmentTrack> {
+) -> Option<LineTrack> {
     let mut inliers = observations.to_vec();
     inliers.sort_unstable();
     inliers.dedup();
@@ -103,17 +103,17 @@ pub(super) fn settle(
     for _ in 0..3 {
         line = refine(views, &inliers, line);
         let before = inliers.len();
-        inliers.retain(|(v, s)| {
-            let view = &views[*v as usize];
-            line_error_px(view, *s as usize, &line) <= params.max_error_px
-                && covered(view, *s as usize, &line).is_some()
+        inliers.retain(|o| {
+            let (view, segment) = (&views[o.view as usize], o.feature as usize);
+            line_error_px(view, segment, &line) <= params.max_error_px
+                && covered(view, segment, &line).is_some()
         });
         if inliers.len() == before {
             break;
         }
     }
     let num_views = {
-        let mut seen: Vec<u32> = inliers.iter().map(|(v, _)| *v).collect();
+        let mut seen: Vec<u32> = inliers.iter().map(|o| o.view).collect();
         seen.dedup();
         seen.len()
     };
@@ -125,7 +125,7 @@ pub(super) fn settle(
     // Ends: a fifth of the observations may claim more than the others, at either end, without moving them.
     let ranges: Vec<(f64, f64)> = inliers
         .iter()
-        .filter_map(|(v, s)| covered(&views[*v as usize], *s as usize, &line))
+        .filter_map(|o| covered(&views[o.view as usize], o.feature as usize, &line))
         .collect();
     let mut lows: Vec<f64> = ranges.iter().map(|r| r.0).collect();
     let mut highs: Vec<f64> = ranges.iter().map(|r| r.1).collect();
@@ -135,7 +135,7 @@ pub(super) fn settle(
         return None;
     }
     // What covers nothing of the cut line is another line on the same straight: it goes.
-    let kept: Vec<(u32, u32)> = inliers
+    let kept: Vec<Observation> = inliers
         .iter()
         .zip(&ranges)
         .filter(|(_, (from, to))| {
@@ -147,17 +147,14 @@ pub(super) fn settle(
     if kept.len() < params.min_views {
         return None;
     }
-    Some(SegmentTrack {
-        start_in_world: line.point + low * line.direction,
-        end_in_world: line.point + high * line.direction,
-        observations: kept,
-    })
+    let ends = [low, high].map(|at| line.point + at * line.direction);
+    Some(LineTrack::new(ends, kept))
 }
 
-fn widest_plane_angle(views: &[View], observations: &[(u32, u32)]) -> f64 {
+fn widest_plane_angle(views: &[PosedView<'_>], observations: &[Observation]) -> f64 {
     let normals: Vec<Vector3<f64>> = observations
         .iter()
-        .filter_map(|(v, s)| Some(segment_plane(&views[*v as usize], *s as usize)?.normal))
+        .filter_map(|o| Some(segment_plane(&views[o.view as usize], o.feature as usize)?.normal))
         .collect();
     let Some(first) = normals.first() else {
         return 0.0;
@@ -172,15 +169,16 @@ fn widest_plane_angle(views: &[View], observations: &[(u32, u32)]) -> f64 {
             )
     };
     let (_, edge) = sin_to(first);
-    sin_to(&edge).0.min(1.0).asin()
+    let sin = sin_to(&edge).0.min(1.0);
+    elementary::atan2(sin, (1.0 - sin * sin).sqrt())
 }
 
 /// The line that lies nearest to all observation planes: direction from the smallest spread of normals, point by least
 /// squares. Close enough for [`refine`].
-fn initial_line(views: &[View], observations: &[(u32, u32)]) -> Option<WorldLine> {
+fn initial_line(views: &[PosedView<'_>], observations: &[Observation]) -> Option<WorldLine> {
     let planes: Vec<SegmentPlane> = observations
         .iter()
-        .filter_map(|(v, s)| segment_plane(&views[*v as usize], *s as usize))
+        .filter_map(|o| segment_plane(&views[o.view as usize], o.feature as usize))
         .collect();
     if planes.len() < 2 {
         return None;
@@ -204,11 +202,11 @@ fn initial_line(views: &[View], observations: &[(u32, u32)]) -> Option<WorldLine
 
 /// Gauss-Newton on the distances of observed ends to the projected line, over the four degrees of freedom of a line:
 /// two support points, each moving across the line.
-fn refine(views: &[View], observations: &[(u32, u32)], start: WorldLine) -> WorldLine {
+fn refine(views: &[PosedView<'_>], observations: &[Observation], start: WorldLine) -> WorldLine {
     // Support points where the observations are, so that both degrees of freedom per point are well determined.
     let mut places: Vec<f64> = observations
         .iter()
-        .filter_map(|(v, s)| covered(&views[*v as usize], *s as usize, &start))
+        .filter_map(|o| covered(&views[o.view as usize], o.feature as usize, &start))
         .flat_map(|(a, b)| [a, b])
         .collect();
     let (Some(low), Some(high)) = (
@@ -236,9 +234,9 @@ fn refine(views: &[View], observations: &[(u32, u32)], start: WorldLine) -> Worl
         let ends = [line.point, line.point + length * line.direction];
         let mut hessian = nalgebra::Matrix4::<f64>::zeros();
         let mut gradient = nalgebra::Vector4::<f64>::zeros();
-        for &(v, s) in observations {
-            let view = &views[v as usize];
-            let Some(seen) = view.segment_ends.get(s as usize) else {
+        for o in observations {
+            let view = &views[o.view as usize];
+            let Some(seen) = view.segment_ends.get(o.feature as usize) else {
                 continue;
             };
             let r = &view.cam_from_world.rotation;

@@ -1,81 +1,77 @@
-//! Tracks under known poses: image pairs by view overlap, matches, 3D points and 3D segments.
-//!
-//! Works on undistorted image planes: every keypoint and segment end is kept as (x / z, y / z) in camera space, and
-//! errors are multiplied by the focal length, so that they read as pixels for every camera model.
+//! A picture as a reconstruction sees it, and the same with its pose and its features on the plane z = 1.
 
-mod convention;
-mod import;
-mod lines;
-mod matching;
-mod pairs;
-mod points;
-mod triangulate;
+use super::triangulate::Ray;
+use crate::features::FeatureSet;
+use crate::geometry::{CamFromWorld, Camera, Pixel};
+use nalgebra::{Vector2, Vector3};
 
-pub use convention::{ConventionCheck, Misreading, check_convention};
-pub use import::{MAX_DISTANCE_PX, line_tracks_from_map, point_tracks_from_model};
-pub use lines::{
-    KnownLine, LineParams, SegmentTrack, assign_segments, build_line_tracks, line_pairs,
-};
-pub(crate) use lines::{line_residuals, mean_segment_descriptor};
-pub use matching::{Match, MatchParams, match_pairs};
-pub use pairs::{PairParams, choose_pairs, probe_depth};
-pub(crate) use points::mean_descriptor;
-pub use points::{PointParams, Track, build_point_tracks};
-pub use triangulate::{Bundle, Ray};
-
-use crate::feature_cache::ImageFeatures;
-use landline::geometry::{CamFromWorld, Camera, Pixel};
-use nalgebra::{DMatrix, Vector2, Vector3};
-
-/// A posed picture as this module sees it.
-#[derive(Debug, Clone)]
+/// A picture: its camera, its features, and its pose where that is known.
+#[derive(Debug, Clone, PartialEq)]
 pub struct View {
-    /// From the data set.
+    /// As the data set calls it.
+    pub name: String,
+    /// Of the picture that the features were taken from.
     pub camera: Camera,
-    /// From the data set.
+    /// `None` until the picture is registered.
+    pub cam_from_world: Option<CamFromWorld>,
+    /// In pixels of [`Self::camera`].
+    pub features: FeatureSet,
+}
+
+impl View {
+    /// The view with its rays worked out; `None` without a pose.
+    pub fn posed(&self) -> Option<PosedView<'_>> {
+        Some(PosedView::new(
+            self.camera,
+            self.cam_from_world?,
+            &self.features,
+        ))
+    }
+}
+
+/// A picture with a pose, its features on the plane z = 1 of camera space. Descriptors are borrowed.
+#[derive(Debug, Clone)]
+pub struct PosedView<'a> {
+    /// What the picture shows.
+    pub features: &'a FeatureSet,
+    /// Of the picture.
+    pub camera: Camera,
+    /// Of the picture.
     pub cam_from_world: CamFromWorld,
     /// Where the camera is.
     pub center_in_world: Vector3<f64>,
-    /// Mean focal length: turns plane distances into pixels.
+    /// Mean focal length: turns distances on the plane into pixels.
     pub focal_px: f64,
     /// Each keypoint on the plane z = 1; NaN where the camera model has no bearing.
     pub planar: Vec<Vector2<f64>>,
-    /// One column a keypoint, unit length.
-    pub descriptors_dn: DMatrix<f32>,
     /// Ends of each segment on the plane z = 1.
     pub segment_ends: Vec<[Vector2<f64>; 2]>,
-    /// `samples` columns a segment, start to end, unit length.
-    pub segment_descriptors_dn: DMatrix<f32>,
 }
 
 /// Beyond this angle from the axis a bearing has no useful place on the plane: tan(80 deg).
 const MAX_PLANAR: f64 = 5.67;
 
-impl View {
-    /// Prepares a picture.
-    pub fn new(camera: Camera, cam_from_world: CamFromWorld, features: &ImageFeatures) -> Self {
+impl<'a> PosedView<'a> {
+    /// Works out the rays of a picture.
+    pub fn new(camera: Camera, cam_from_world: CamFromWorld, features: &'a FeatureSet) -> Self {
         let (fx, fy) = camera.focal_px();
         let planar = |pixel: Pixel| planar_from_pixel(&camera, pixel);
         Self {
+            features,
             camera,
             cam_from_world,
             center_in_world: cam_from_world.center_in_world(),
             focal_px: 0.5 * (fx + fy),
-            planar: features.pixels.iter().map(|p| planar(*p)).collect(),
-            descriptors_dn: unit_columns(&features.descriptors_nd, features.descriptor_len),
+            planar: features.keypoints.iter().map(|k| planar(k.pixel)).collect(),
             segment_ends: features
                 .segments
                 .iter()
                 .map(|s| [planar(s.start), planar(s.end)])
                 .collect(),
-            segment_descriptors_dn: unit_columns(
-                &features.segment_descriptors_nsd,
-                features.descriptor_len,
-            ),
         }
     }
 
-    /// The plane z = 1 of this camera, in pixels of error, for a world point; `None` behind the camera.
+    /// A world point on the plane z = 1 of this camera; `None` behind it.
     pub fn planar_from_world(&self, point_in_world: &Vector3<f64>) -> Option<Vector2<f64>> {
         let p = self.cam_from_world.transform_point(point_in_world);
         (p.z > 1e-6).then(|| Vector2::new(p.x / p.z, p.y / p.z))
@@ -126,21 +122,10 @@ impl View {
     }
 }
 
-fn planar_from_pixel(camera: &Camera, pixel: Pixel) -> Vector2<f64> {
+/// A pixel on the plane z = 1 of camera space; NaN where the camera model has no bearing there or it is too oblique.
+pub fn planar_from_pixel(camera: &Camera, pixel: Pixel) -> Vector2<f64> {
     match camera.bearing_from_pixel(pixel) {
         Some(b) if b.z > 0.0 && b.xy().norm() <= MAX_PLANAR * b.z => b.xy() / b.z,
         _ => Vector2::repeat(f64::NAN),
     }
-}
-
-fn unit_columns(rows_nd: &[f32], d: usize) -> DMatrix<f32> {
-    let n = rows_nd.len().checked_div(d).unwrap_or(0);
-    let mut columns = DMatrix::from_column_slice(d, n, &rows_nd[..n * d]);
-    for mut column in columns.column_iter_mut() {
-        let norm = column.norm();
-        if norm > 0.0 {
-            column /= norm;
-        }
-    }
-    columns
 }

@@ -1,13 +1,13 @@
 //! Are the poses what they are said to be? Matches that no pose had a say in are tested against the epipolar geometry of
 //! the poses as given, and of the usual mistakes; what agrees must also lie in front of both cameras.
 
-use super::View;
-use super::matching::{epipolar_distance, essential, mutual_neighbours};
+use super::PosedView;
+use super::matching::{MutualMatcher, epipolar_distance, essential};
 use super::triangulate::Ray;
-use landline::geometry::{CamFromWorld, Rigid};
-use landline::math::stats::median_in_place;
+use crate::geometry::{CamFromWorld, Rigid};
+use crate::math::parallel;
+use crate::math::stats::median_in_place;
 use nalgebra::{Matrix3, Vector2};
-use rayon::prelude::*;
 
 /// A way to misread poses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -101,7 +101,7 @@ const MAX_EPIPOLAR_PX: f64 = 3.0;
 
 /// Tests up to `num_pairs` pairs of pictures that follow each other at a distance in the list.
 pub fn check_convention(
-    views: &[View],
+    views: &[PosedView<'_>],
     num_pairs: usize,
     min_cosine: f32,
 ) -> Option<ConventionCheck> {
@@ -112,11 +112,12 @@ pub fn check_convention(
         .flat_map(|i| [3, 10].map(|gap| (i, i + gap.min(n / 2).max(1))))
         .filter(|(_, j)| *j < n)
         .collect();
-    let shares: Vec<[f64; READINGS.len()]> = pairs
-        .par_iter()
-        .filter_map(|&(i, j)| {
+    let shares: Vec<[f64; READINGS.len()]> =
+        parallel::map_with(pairs.len(), MutualMatcher::default, |matcher, pair| {
+            let (i, j) = pairs[pair];
             let (a, b) = (&views[i], &views[j]);
-            let matches = mutual_neighbours(&a.descriptors_dn, &b.descriptors_dn, min_cosine);
+            matcher.set_first(a.features);
+            let matches: Vec<_> = matcher.matches(b.features, min_cosine).collect();
             if matches.len() < MIN_MATCHES {
                 return None;
             }
@@ -139,6 +140,8 @@ pub fn check_convention(
                 agree as f64 / matches.len() as f64
             }))
         })
+        .into_iter()
+        .flatten()
         .collect();
     let median = |k: usize| median_in_place(&mut shares.iter().map(|s| s[k]).collect::<Vec<f64>>());
     let as_given = median(0)?;

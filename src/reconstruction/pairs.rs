@@ -3,9 +3,11 @@
 //! Overlap is measured with poses and a typical depth alone: points of a grid over the picture, put at three depths, are
 //! projected into the other picture. The depth comes from a few neighbouring pairs that are matched first.
 
-use super::View;
 use super::matching::{MatchParams, match_pairs};
-use landline::math::stats::median_in_place;
+use super::{PosedView, planar_from_pixel};
+use crate::geometry::Pixel;
+use crate::math::elementary;
+use crate::math::stats::median_in_place;
 use nalgebra::Vector3;
 
 /// How pairs are chosen.
@@ -37,28 +39,26 @@ impl Default for PairParams {
 
 const DEPTHS: [f64; 3] = [0.6, 1.0, 1.7];
 
-fn grid(view: &View, depth: f64) -> impl Iterator<Item = Vector3<f64>> + '_ {
+fn grid(view: &PosedView<'_>, depth: f64) -> Vec<Vector3<f64>> {
     let (w, h) = (f64::from(view.camera.width), f64::from(view.camera.height));
-    (0..12).flat_map(move |i| {
-        let pixel = landline::geometry::Pixel::new(
+    let world_from_cam = view.cam_from_world.inverse();
+    let places = (0..12).flat_map(|i| {
+        let pixel = Pixel::new(
             w * (0.125 + 0.25 * f64::from(i % 4)),
             h * (1.0 / 6.0 + f64::from(i / 4) / 3.0),
         );
-        let planar = super::planar_from_pixel(&view.camera, pixel);
-        DEPTHS.iter().map(move |share| {
+        let planar = planar_from_pixel(&view.camera, pixel);
+        DEPTHS.map(|share| {
             let z = depth * share;
-            view.cam_from_world.inverse().transform_point(&Vector3::new(
-                planar.x * z,
-                planar.y * z,
-                z,
-            ))
+            world_from_cam.transform_point(&Vector3::new(planar.x * z, planar.y * z, z))
         })
-    })
+    });
+    places.collect()
 }
 
 /// Share of what one view sees at typical depths that the other sees too; the less of both directions.
-fn overlaps(views: &[View], depth: f64, candidates: &[(usize, usize)]) -> Vec<f64> {
-    let grids: Vec<Vec<Vector3<f64>>> = views.iter().map(|v| grid(v, depth).collect()).collect();
+fn overlaps(views: &[PosedView<'_>], depth: f64, candidates: &[(usize, usize)]) -> Vec<f64> {
+    let grids: Vec<Vec<Vector3<f64>>> = views.iter().map(|v| grid(v, depth)).collect();
     let share = |from: usize, to: usize| {
         let seen = grids[from].iter().filter(|p| views[to].sees(p)).count();
         seen as f64 / grids[from].len().max(1) as f64
@@ -70,8 +70,8 @@ fn overlaps(views: &[View], depth: f64, candidates: &[(usize, usize)]) -> Vec<f6
 }
 
 /// All pairs whose axes are close enough, with their distance.
-fn pairs_by_axis(views: &[View], max_angle_deg: f64) -> Vec<(usize, usize, f64)> {
-    let cos_limit = max_angle_deg.to_radians().cos();
+fn pairs_by_axis(views: &[PosedView<'_>], max_angle_deg: f64) -> Vec<(usize, usize, f64)> {
+    let cos_limit = elementary::cos(max_angle_deg.to_radians());
     let axes: Vec<Vector3<f64>> = views
         .iter()
         .map(|v| v.cam_from_world.rotation.row(2).transpose())
@@ -90,7 +90,7 @@ fn pairs_by_axis(views: &[View], max_angle_deg: f64) -> Vec<(usize, usize, f64)>
 
 /// Typical distance of what the pictures see, from matches of up to `num_pairs` pairs spread over the set.
 /// `None` when nothing can be triangulated.
-pub fn probe_depth(views: &[View], num_pairs: usize, params: &MatchParams) -> Option<f64> {
+pub fn probe_depth(views: &[PosedView<'_>], num_pairs: usize, params: &MatchParams) -> Option<f64> {
     // For each of some pictures: the nearest one in angle that has moved a little. Moved enough is not known before
     // the depth is; the median of the nearest eight distances is a start that works for walks and for turntables.
     let step = views.len().div_ceil(num_pairs).max(1);
@@ -124,8 +124,8 @@ pub fn probe_depth(views: &[View], num_pairs: usize, params: &MatchParams) -> Op
     let matches = match_pairs(views, &chosen, params, &|| {});
     let mut depths = Vec::new();
     for m in matches {
-        let (a, b) = (&views[m.a.0 as usize], &views[m.b.0 as usize]);
-        let (ray_a, ray_b) = (a.ray(m.a.1 as usize), b.ray(m.b.1 as usize));
+        let (a, b) = (&views[m.a.view as usize], &views[m.b.view as usize]);
+        let (ray_a, ray_b) = (a.ray(m.a.feature as usize), b.ray(m.b.feature as usize));
         if ray_a.angle_to(&ray_b) < 1f64.to_radians() {
             continue;
         }
@@ -143,7 +143,11 @@ pub fn probe_depth(views: &[View], num_pairs: usize, params: &MatchParams) -> Op
 ///
 /// Of a picture's candidates a third are its nearest, which link tracks; the others are spread evenly over the
 /// baselines, which give depth.
-pub fn choose_pairs(views: &[View], depth: f64, params: &PairParams) -> Vec<(usize, usize)> {
+pub fn choose_pairs(
+    views: &[PosedView<'_>],
+    depth: f64,
+    params: &PairParams,
+) -> Vec<(usize, usize)> {
     let candidates: Vec<(usize, usize, f64)> = pairs_by_axis(views, params.max_axis_angle_deg)
         .into_iter()
         .filter(|(_, _, distance)| {

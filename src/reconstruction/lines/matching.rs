@@ -1,17 +1,18 @@
 //! Which segments of two views may show the same line, and the sets that such matches join.
 
-use super::super::View;
 use super::super::matching::essential;
-use super::super::points::root;
+use super::super::points::{dot, root};
+use super::super::{Observation, PosedView};
 use super::LineParams;
-use super::world_line::{WorldLine, lies_in_front, segment_plane};
-use nalgebra::{DVectorView, Vector2, Vector3};
+use super::world_line::{SegmentPlane, WorldLine, lies_in_front, segment_plane};
+use crate::math::elementary;
+use nalgebra::{Vector2, Vector3};
 
-/// Two segments, each (view, segment), that may show the same line.
+/// Two segments that may show the same line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct SegmentMatch {
-    a: (u32, u32),
-    b: (u32, u32),
+    a: Observation,
+    b: Observation,
     score: f32,
 }
 
@@ -24,7 +25,7 @@ fn cut(p: &Vector2<f64>, q: &Vector2<f64>, line: &Vector3<f64>) -> Option<f64> {
 }
 
 pub(super) fn match_pair(
-    views: &[View],
+    views: &[PosedView<'_>],
     i: usize,
     j: usize,
     depth: f64,
@@ -37,14 +38,20 @@ pub(super) fn match_pair(
     if n_a == 0 || n_b == 0 {
         return Vec::new();
     }
-    let samples_a = a.segment_descriptors_dn.ncols() / n_a;
-    let samples_b = b.segment_descriptors_dn.ncols() / n_b;
-    let sin_limit = params.min_epipolar_angle_deg.to_radians().sin();
+    let channels = a.features.descriptor_channels;
+    if channels == 0 || channels != b.features.descriptor_channels {
+        return Vec::new();
+    }
+    let sin_limit = elementary::sin(params.min_epipolar_angle_deg.to_radians());
+    let sin_of_planes = elementary::sin(params.min_plane_angle_deg.to_radians()) * 0.5;
+    let planes_b: Vec<Option<SegmentPlane>> = (0..n_b).map(|t| segment_plane(b, t)).collect();
     let mut best_a: Vec<(f32, usize)> = vec![(0.0, usize::MAX); n_a];
     let mut best_b: Vec<(f32, usize)> = vec![(0.0, usize::MAX); n_b];
     for (s, ends_a) in a.segment_ends.iter().enumerate() {
         let epipolar = ends_a.map(|p| e * p.push(1.0));
-        let Some(plane_a) = segment_plane(a, s) else {
+        let (Some(plane_a), Some(rows_a)) =
+            (segment_plane(a, s), a.features.segment_descriptors(s))
+        else {
             continue;
         };
         for (t, ends_b) in b.segment_ends.iter().enumerate() {
@@ -71,13 +78,13 @@ pub(super) fn match_pair(
             if !(shorter > 0.0) || shared < params.min_overlap * shorter {
                 continue;
             }
-            let Some(plane_b) = segment_plane(b, t) else {
+            let Some(plane_b) = &planes_b[t] else {
                 continue;
             };
-            let Some((line, sin)) = WorldLine::from_planes(&plane_a, &plane_b) else {
+            let Some((line, sin)) = WorldLine::from_planes(&plane_a, plane_b) else {
                 continue;
             };
-            if sin < params.min_plane_angle_deg.to_radians().sin() * 0.5
+            if sin < sin_of_planes
                 || !lies_in_front(a, &line, ends_a, depth)
                 || !lies_in_front(b, &line, ends_b, depth)
             {
@@ -85,6 +92,9 @@ pub(super) fn match_pair(
             }
             // Descriptors at five places of the shared part, each place found in `a` through the epipolar line of
             // its place in `b`.
+            let Some(rows_b) = b.features.segment_descriptors(t) else {
+                continue;
+            };
             let mut sum = 0.0;
             let mut places = 0;
             for k in 0..5 {
@@ -94,17 +104,10 @@ pub(super) fn match_pair(
                 else {
                     continue;
                 };
-                let column = |share: f64, samples: usize, segment: usize| {
-                    let at = (share.clamp(0.0, 1.0) * (samples - 1) as f64).round() as usize;
-                    segment * samples + at
-                };
-                let d_a = a
-                    .segment_descriptors_dn
-                    .column(column(share_a, samples_a, s));
-                let d_b = b
-                    .segment_descriptors_dn
-                    .column(column(share_b, samples_b, t));
-                sum += dot(d_a, d_b);
+                sum += dot(
+                    sample_at(rows_a, channels, share_a),
+                    sample_at(rows_b, channels, share_b),
+                );
                 places += 1;
             }
             if places < 3 {
@@ -127,26 +130,29 @@ pub(super) fn match_pair(
         .enumerate()
         .filter(|(s, (_, t))| best_b.get(*t).is_some_and(|(_, back)| back == s))
         .map(|(s, (score, t))| SegmentMatch {
-            a: (i as u32, s as u32),
-            b: (j as u32, *t as u32),
+            a: Observation::new(i, s),
+            b: Observation::new(j, *t),
             score: *score,
         })
         .collect()
 }
 
-fn dot(a: DVectorView<'_, f32>, b: DVectorView<'_, f32>) -> f32 {
-    a.iter().zip(b.iter()).map(|(x, y)| x * y).sum()
+/// The sample of a segment that is nearest to a share of its length; empty when there are none.
+fn sample_at(rows: &[f32], channels: usize, share: f64) -> &[f32] {
+    let samples = rows.len() / channels;
+    let at = (share.clamp(0.0, 1.0) * samples.saturating_sub(1) as f64).round() as usize;
+    rows.get(at * channels..(at + 1) * channels).unwrap_or(&[])
 }
 
 /// Joins matched segments, best match first.
-pub(super) fn join(views: &[View], matches: &[SegmentMatch]) -> Vec<Vec<(u32, u32)>> {
+pub(super) fn join(views: &[PosedView<'_>], matches: &[SegmentMatch]) -> Vec<Vec<Observation>> {
     let mut first = vec![0u32];
     let mut next = 0u32;
     for view in views {
         next += view.segment_ends.len() as u32;
         first.push(next);
     }
-    let node = |(view, segment): (u32, u32)| first[view as usize] + segment;
+    let node = |o: Observation| first[o.view as usize] + o.feature;
     let mut parent: Vec<u32> = (0..next).collect();
     let mut size = vec![1u32; next as usize];
     let mut sorted = matches.to_vec();
@@ -169,10 +175,10 @@ pub(super) fn join(views: &[View], matches: &[SegmentMatch]) -> Vec<Vec<(u32, u3
             size[large as usize] += size[small as usize];
         }
     }
-    let mut members: Vec<Vec<(u32, u32)>> = vec![Vec::new(); next as usize];
+    let mut members: Vec<Vec<Observation>> = vec![Vec::new(); next as usize];
     for (v, view) in views.iter().enumerate() {
         for s in 0..view.segment_ends.len() {
-            let o = (v as u32, s as u32);
+            let o = Observation::new(v, s);
             members[root(&mut parent, node(o)) as usize].push(o);
         }
     }

@@ -9,6 +9,7 @@ pub mod features;
 pub mod front_end;
 pub mod geometry;
 pub mod image;
+pub mod landmarks;
 pub mod lsd;
 pub mod math;
 pub mod models;

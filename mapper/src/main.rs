@@ -24,6 +24,7 @@ enum Command {
     Features(cmd::features::Args),
     Inspect(cmd::inspect::Args),
     Labels(cmd::labels::Args),
+    Landmarks(cmd::landmarks::Args),
     Lines(cmd::lines::Args),
     Locate(cmd::locate::Args),
     #[cfg(feature = "train")]
@@ -45,6 +46,7 @@ fn main() -> ExitCode {
         Command::Features(args) => cmd::features::run(args),
         Command::Inspect(args) => cmd::inspect::run(args),
         Command::Labels(args) => cmd::labels::run(args),
+        Command::Landmarks(args) => cmd::landmarks::run(args),
         Command::Lines(args) => cmd::lines::run(args),
         Command::Locate(args) => cmd::locate::run(args),
         #[cfg(feature = "train")]

@@ -40,6 +40,7 @@ pub fn frame_parts(
         branches,
         ports: PORTS,
         storage,
+        reads_descriptors: false,
     })
 }
 

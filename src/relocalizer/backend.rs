@@ -2,8 +2,7 @@
 
 use super::calibration::{Calibration, Turn};
 use super::gpu::GpuNetworks;
-use crate::features::Keypoint;
-use crate::geometry::Segment2;
+use crate::features::FeatureSet;
 use crate::image::GrayView;
 use crate::nn::gpu::GpuError;
 use crate::regress::Predictions;
@@ -55,14 +54,13 @@ impl Backend {
     /// Runs the rest and waits for the answer; `false` when the CPU has to do it all.
     pub(super) async fn finish(
         &mut self,
-        segments: &[Segment2],
-        keypoints: &mut Vec<Keypoint>,
+        features: &mut FeatureSet,
         predictions: &mut Predictions,
     ) -> bool {
         let Some(networks) = &mut self.networks else {
             return false;
         };
-        let finished = networks.finish(segments, keypoints, predictions).await;
+        let finished = networks.finish(features, predictions).await;
         if self.note(finished) {
             self.num_late = 0;
             self.failure = None;

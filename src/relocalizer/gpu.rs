@@ -9,15 +9,17 @@
 //! None of these makes the driver complain. What does is a [`GpuError`], and the CPU answers the frame.
 
 use crate::features::{
-    ExtractorOptions, Keypoint, frame_parts, picture_parts, write_gray, write_token_positions,
+    ExtractorOptions, FeatureSet, Keypoint, frame_parts, picture_parts, write_gray,
+    write_token_positions,
 };
 use crate::front_end::FrontEndOptions;
-use crate::geometry::{Pixel, SceneScale, Segment2};
+use crate::geometry::{Pixel, SceneScale};
 use crate::image::GrayView;
 use crate::models::{ExtractorKind, RegressorConfig};
 use crate::nn::Weights;
 use crate::nn::gpu::{
-    GpuCost, GpuDevice, GpuError, GpuFrame, GpuPart, Pipelines, Timer, WeightStorage, self_test,
+    FrameParts, GpuCost, GpuDevice, GpuError, GpuFrame, GpuPart, Pipelines, Timer, WeightStorage,
+    self_test,
 };
 use crate::regress::{Predictions, decode, network_parts};
 use crate::scene_file::{ExtractorFile, SceneFile};
@@ -35,6 +37,8 @@ pub struct GpuNetworks {
     config: RegressorConfig,
     scale: SceneScale,
     storage: WeightStorage,
+    /// The second look needs them on the CPU.
+    reads_descriptors: bool,
     /// Until the first picture comes.
     branches: Vec<GpuPart>,
     frame: Option<GpuFrame>,
@@ -84,6 +88,7 @@ impl GpuNetworks {
             config: scene.config.clone(),
             scale: scene.info.scale,
             storage,
+            reads_descriptors: scene.landmarks.is_some(),
             branches: parts
                 .into_iter()
                 .map(|(graph, weights)| GpuPart { graph, weights })
@@ -136,8 +141,11 @@ impl GpuNetworks {
             frame.resize(&mut self.pipelines, parts).await?;
         } else {
             let branches = std::mem::take(&mut self.branches);
-            let parts = frame_parts(kind, weights, options, size, branches, self.storage)
-                .map_err(failed)?;
+            let parts = FrameParts {
+                reads_descriptors: self.reads_descriptors,
+                ..frame_parts(kind, weights, options, size, branches, self.storage)
+                    .map_err(failed)?
+            };
             let frame = GpuFrame::new(&self.gpu, &mut self.pipelines, parts).await?;
             self.frame = Some(frame);
         }
@@ -156,26 +164,35 @@ impl GpuNetworks {
         }
     }
 
-    /// Runs the rest on these segments of the picture and waits for the results.
+    /// Runs the rest on the segments of the features and waits for the results; keypoints come into the features, and
+    /// descriptors where the scene has landmarks.
     pub(super) async fn finish(
         &mut self,
-        segments: &[Segment2],
-        keypoints: &mut Vec<Keypoint>,
+        features: &mut FeatureSet,
         predictions: &mut Predictions,
     ) -> Result<(), GpuError> {
         let Some(frame) = &mut self.frame else {
             return Err(unsupported("no picture was submitted".to_owned()));
         };
         self.tokens.clear();
-        write_token_positions(segments, self.options.tokens, &mut self.tokens);
+        write_token_positions(&features.segments, self.options.tokens, &mut self.tokens);
         let result = frame.finish(&self.tokens, self.timer.as_ref()).await?;
-        keypoints.clear();
-        keypoints.extend(result.positions.chunks_exact(2).zip(&result.scores).map(
-            |(p, &score)| Keypoint {
-                pixel: Pixel::new(f64::from(p[0]), f64::from(p[1])),
-                score,
-            },
-        ));
+        features.keypoints.clear();
+        features
+            .keypoints
+            .extend(
+                result
+                    .positions
+                    .chunks_exact(2)
+                    .zip(&result.scores)
+                    .map(|(p, &score)| Keypoint {
+                        pixel: Pixel::new(f64::from(p[0]), f64::from(p[1])),
+                        score,
+                    }),
+            );
+        features.descriptor_channels = self.kind.descriptor_channels();
+        features.tokens = self.options.tokens;
+        [features.descriptors_nd, features.segment_descriptors_nsd] = result.descriptors;
         predictions.clear();
         for (index, outputs) in result.branches.iter().enumerate() {
             let output = |name: &str| {

@@ -5,7 +5,8 @@
 //!   [`crate::session`] remembers it.
 //! * **Spaces and units**: the caller deals in pixels of the frame and in the world; detection, extraction and the solver work
 //!   in pixels of the working image, so that thresholds mean the same for every camera.
-//! * **Method**: the front end, the scene's two branches, correspondences, solver, a rule of acceptance. With the networks on
+//! * **Method**: the front end, the scene's two branches, correspondences, solver, the second look where the scene has
+//!   landmarks, a rule of acceptance. With the networks on
 //!   a device a frame is taken in three steps, so that the next one's networks run while its pose is solved:
 //!   `Relocalizer::begin`, `Relocalizer::observe`, [`Relocalizer::solve`].
 //! * **Invariants**: the same frame, query, options and seed give the same pose, whatever came before; with the portable
@@ -26,6 +27,7 @@ mod gpu;
 mod last_frame;
 mod options;
 mod result;
+mod second_look;
 mod start;
 mod steps;
 mod timings;
@@ -62,6 +64,8 @@ pub struct Relocalizer {
     is_line_inlier: Vec<bool>,
     errors_px: Vec<f32>,
     pose: PoseScratch,
+    /// Present where the scene has landmarks.
+    again: Option<second_look::Again>,
     /// Of the frame that was answered last; the front end may hold a later one already.
     working_from_sensor: WorkingFromSensor,
     /// Frames begun so far.
@@ -89,6 +93,7 @@ impl Relocalizer {
         change(&mut options);
         options.check(&scene)?;
         let front_end = FrontEnd::new(extractor, options.front_end)?.with_level(options.kernels);
+        let again = scene.landmarks.as_ref().map(second_look::Again::new);
         let regressor = Regressor::with_level(
             &scene.config,
             scene.weights,
@@ -111,6 +116,7 @@ impl Relocalizer {
             is_line_inlier: Vec::new(),
             errors_px: Vec::new(),
             pose: PoseScratch::default(),
+            again,
             working_from_sensor: WorkingFromSensor::from_scale(1.0, 1.0),
             num_begun: 0,
             num_observed: 0,
@@ -136,6 +142,11 @@ impl Relocalizer {
     /// What the scene file says about itself.
     pub fn scene_info(&self) -> &SceneInfo {
         &self.info
+    }
+
+    /// Whether the scene has landmarks to look for again.
+    pub fn has_landmarks(&self) -> bool {
+        self.again.is_some()
     }
 
     /// The options in use.

@@ -68,6 +68,8 @@ pub struct LiveOptions {
     /// The solver; thresholds are in pixels of the working image. What is known about one frame (focal length, gravity,
     /// prior) comes with its [`Query`] and is refused here.
     pub pose: PoseOptions,
+    /// Look again from the first pose, where the scene has landmarks.
+    pub look_again: bool,
 }
 
 impl Default for LiveOptions {
@@ -82,6 +84,7 @@ impl Default for LiveOptions {
                 max_iterations: 10_000,
                 ..PoseOptions::default()
             },
+            look_again: true,
         }
     }
 }

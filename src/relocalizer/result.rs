@@ -3,6 +3,7 @@
 use super::options::CameraSource;
 use super::timings::StageTimings;
 use crate::geometry::{CamFromWorld, Camera};
+use crate::landmarks::FoundAgain;
 use crate::pose::{PoseEstimate, PoseStats, PoseStatus};
 
 /// Why a frame was not located.
@@ -124,6 +125,8 @@ pub struct Report {
     pub focal_sigma_ln: Option<f64>,
     /// How many of everything.
     pub counts: Counts,
+    /// What was found again of the scene's landmarks, where there was a pose to look from.
+    pub found_again: Option<FoundAgain>,
     /// Where the solver spent its effort.
     pub pose_stats: PoseStats,
     /// Where the time went.

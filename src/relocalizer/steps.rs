@@ -10,9 +10,9 @@ use super::result::{Counts, Localization, Outcome, Report};
 use super::start::Start;
 use super::timings::StageTimings;
 use crate::front_end::{FrontEndError, Stopwatch};
-use crate::geometry::{Camera, WorkingFromSensor};
+use crate::geometry::WorkingFromSensor;
 use crate::image::FrameView;
-use crate::pose::{self, PoseEstimate, PoseOptions, PoseOutcome};
+use crate::pose::{self, PoseEstimate, PoseOptions};
 
 /// Nats of evidence above chance that make a pose 63 % sure, 95 % at three times as much.
 const EVIDENCE_SCALE: f64 = 10.0;
@@ -29,8 +29,8 @@ pub struct Begun {
     is_on_gpu: bool,
 }
 
-/// A frame of which everything is known but the pose. Goes into [`Relocalizer::solve`].
-#[derive(Debug)]
+/// A frame of which everything is known but the pose. Goes into [`Relocalizer::solve`], more than once if need be.
+#[derive(Debug, Clone)]
 #[must_use]
 pub struct Observed {
     number: u64,
@@ -111,14 +111,7 @@ impl Relocalizer {
             self.front_end.detect()?;
             begun.timings.lines_ms = stopwatch.lap();
             let features = self.front_end.features_without_descriptors();
-            let has_answered = self
-                .backend
-                .finish(
-                    &features.segments,
-                    &mut features.keypoints,
-                    &mut self.predictions,
-                )
-                .await;
+            let has_answered = self.backend.finish(features, &mut self.predictions).await;
             if has_answered {
                 begun.timings.regress_ms = stopwatch.lap();
                 begun.timings.total_ms += stopwatch.total();
@@ -216,7 +209,21 @@ impl Relocalizer {
         self.working_from_sensor = observed.working_from_sensor;
         let mut counts = self.correspond();
         let camera = start.camera.resized(&self.working_from_sensor);
-        let solved = self.estimate(&start, &camera, query, stopwatch.clock())?;
+        let options = PoseOptions {
+            focal: start.focal,
+            gravity: query.gravity,
+            prior: query.prior,
+            ..self.options.live.pose
+        };
+        let (points, lines) = (&self.points, &self.lines);
+        let clock = stopwatch.clock();
+        let first = pose::estimate(points, lines, &camera, &options, &mut self.pose, clock)?;
+        let mut timings = observed.timings;
+        timings.solve_ms = stopwatch.lap();
+        let (solved, found_again) = self.look_again(first, &camera, &options, stopwatch.clock())?;
+        timings.look_ms = stopwatch.lap();
+        counts.num_point_correspondences = self.points.len();
+        counts.num_line_correspondences = self.lines.len();
         let (mut solved_camera, mut source, mut sigma_ln) = (start.camera, start.source, None);
         let outcome = match accept(&solved, &counts) {
             Ok(estimate) => {
@@ -231,8 +238,7 @@ impl Relocalizer {
         };
         counts.num_point_inliers = count(&self.is_point_inlier);
         counts.num_line_inliers = count(&self.is_line_inlier);
-        let mut timings = observed.timings;
-        timings.solve_ms = stopwatch.lap();
+        timings.solve_ms += stopwatch.lap();
         timings.total_ms += stopwatch.total();
         Ok(Report {
             outcome,
@@ -241,6 +247,7 @@ impl Relocalizer {
             camera_source: source,
             focal_sigma_ln: sigma_ln,
             counts,
+            found_again,
             pose_stats: solved.stats,
             timings,
         })
@@ -264,31 +271,6 @@ impl Relocalizer {
             num_line_correspondences: self.lines.len(),
             ..Counts::default()
         }
-    }
-
-    /// Runs the solver; `camera` is that of the working image.
-    fn estimate(
-        &mut self,
-        start: &Start,
-        camera: &Camera,
-        query: &Query,
-        clock: &mut dyn FnMut() -> f64,
-    ) -> Result<PoseOutcome, LocateError> {
-        let options = PoseOptions {
-            focal: start.focal,
-            gravity: query.gravity,
-            prior: query.prior,
-            ..self.options.live.pose
-        };
-        let (points, lines) = (&self.points, &self.lines);
-        Ok(pose::estimate(
-            points,
-            lines,
-            camera,
-            &options,
-            &mut self.pose,
-            clock,
-        )?)
     }
 
     /// Marks what agrees with the solver's last answer, and puts the answer in the frame's own pixels.

@@ -13,6 +13,8 @@ pub struct StageTimings {
     pub regress_ms: f64,
     /// Correspondences and pose.
     pub solve_ms: f64,
+    /// The second look, where the scene has landmarks.
+    pub look_ms: f64,
     /// From the first stage to the last.
     pub total_ms: f64,
 }

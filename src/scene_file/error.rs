@@ -1,5 +1,6 @@
 //! What can be wrong with a file.
 
+use crate::landmarks::LandmarkError;
 use crate::models::ModelError;
 
 /// Why a scene file or extractor file was refused.
@@ -58,12 +59,12 @@ pub enum SceneFileError {
     },
     /// A version that this program does not know.
     #[error(
-        "the file has format version {found}, this program reads version {supported}; use a matching version of Landline"
+        "the file has format version {found}, this program reads versions up to {supported}; use a matching version of Landline"
     )]
     Version {
         /// Version of the file.
         found: String,
-        /// Version that is read.
+        /// Newest version that is read.
         supported: u32,
     },
     /// A metadata key is missing.
@@ -106,6 +107,17 @@ pub enum SceneFileError {
         /// What is wrong.
         reason: String,
     },
+    /// A tensor of the landmark table is missing, misshapen or unknown.
+    #[error("tensor `{tensor}` {reason}")]
+    LandmarkTensor {
+        /// The tensor.
+        tensor: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The landmark table holds what it may not.
+    #[error("landmark table: {0}")]
+    Landmarks(#[from] LandmarkError),
     /// The configuration is out of range or the tensors are not its own.
     #[error(transparent)]
     Model(#[from] ModelError),

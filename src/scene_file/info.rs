@@ -1,6 +1,6 @@
 //! Metadata of a scene file.
 
-use super::{FORMAT_VERSION, KIND_KEY, SceneFileError, TensorFile};
+use super::{KIND_KEY, SceneFileError, TensorFile};
 use crate::geometry::{Camera, CameraRecord, SceneScale};
 use crate::models::{ExtractorKind, Preset, RegressorConfig, Sampler};
 use nalgebra::Vector3;
@@ -102,11 +102,12 @@ impl SceneInfo {
     pub(super) fn to_metadata(
         &self,
         config: &RegressorConfig,
+        version: u32,
     ) -> Result<BTreeMap<String, String>, SceneFileError> {
         let mut out: BTreeMap<String, String> = BTreeMap::new();
         let mut put = |key: &str, value: String| out.insert(key.to_owned(), value);
         put(KIND_KEY, "scene".to_owned());
-        put("format", FORMAT_VERSION.to_string());
+        put("format", version.to_string());
         put("variant", config.variant().name().to_owned());
         put("config", text("config", config)?);
         if let Some(preset) = self.preset {
@@ -258,11 +259,11 @@ fn text(key: &'static str, value: &impl Serialize) -> Result<String, SceneFileEr
     serde_json::to_string(value).map_err(|e| SceneFileError::value(key, "", e))
 }
 
-fn vector_text(v: &Vector3<f64>) -> String {
+pub(super) fn vector_text(v: &Vector3<f64>) -> String {
     serde_json::json!([v.x, v.y, v.z]).to_string()
 }
 
-fn parse<T>(
+pub(super) fn parse<T>(
     file: &TensorFile<'_>,
     key: &'static str,
     read: impl Fn(&str) -> Result<T, String>,
@@ -271,7 +272,7 @@ fn parse<T>(
     read(text).map_err(|reason| SceneFileError::value(key, text, reason))
 }
 
-fn number(file: &TensorFile<'_>, key: &'static str) -> Result<f64, SceneFileError> {
+pub(super) fn number(file: &TensorFile<'_>, key: &'static str) -> Result<f64, SceneFileError> {
     parse(file, key, |t| {
         t.parse::<f64>()
             .map_err(|e| e.to_string())
@@ -279,7 +280,10 @@ fn number(file: &TensorFile<'_>, key: &'static str) -> Result<f64, SceneFileErro
     })
 }
 
-fn vector(file: &TensorFile<'_>, key: &'static str) -> Result<Vector3<f64>, SceneFileError> {
+pub(super) fn vector(
+    file: &TensorFile<'_>,
+    key: &'static str,
+) -> Result<Vector3<f64>, SceneFileError> {
     parse(file, key, |t| {
         let v: [f64; 3] = serde_json::from_str(t).map_err(|e| e.to_string())?;
         for x in v {

@@ -17,6 +17,7 @@
 mod error;
 mod extractor_file;
 mod info;
+mod landmarks;
 mod scene;
 mod tensor_file;
 
@@ -26,8 +27,11 @@ pub use info::{HeldOut, SceneInfo, TrainingSummary, Units};
 pub use scene::{Precision, SceneFile};
 pub use tensor_file::{Element, MAX_FILE_BYTES, MAX_HEADER_BYTES, TensorFile, serialize};
 
-/// Version of both kinds of file. A file with another one is refused.
+/// Version of extractor files, and of scene files without landmarks.
 pub const FORMAT_VERSION: u32 = 1;
+
+/// Version of scene files with landmarks: programs that do not know them refuse these. A newer one is refused.
+pub const LANDMARK_VERSION: u32 = 2;
 
 /// Metadata key that says which kind of file this is.
 pub(crate) const KIND_KEY: &str = "landline";
@@ -45,10 +49,11 @@ fn check_kind(file: &TensorFile<'_>, expected: &'static str) -> Result<(), Scene
         });
     }
     let version = file.text("format")?;
-    if version != FORMAT_VERSION.to_string() {
+    let is_known = [FORMAT_VERSION, LANDMARK_VERSION].map(|v| v.to_string());
+    if !is_known.iter().any(|known| known == version) {
         return Err(SceneFileError::Version {
             found: version.to_owned(),
-            supported: FORMAT_VERSION,
+            supported: LANDMARK_VERSION,
         });
     }
     Ok(())

@@ -1,8 +1,13 @@
 //! Scene files: a regressor's weights with everything needed to use them.
 
 use super::info::check_sha256;
-use super::{Element, ExtractorFile, SceneFileError, SceneInfo, TensorFile, check_kind, serialize};
+use super::tensor_file::serialize_with;
+use super::{
+    Element, ExtractorFile, FORMAT_VERSION, LANDMARK_VERSION, SceneFileError, SceneInfo,
+    TensorFile, check_kind, landmarks,
+};
 use crate::geometry::SceneScale;
+use crate::landmarks::LandmarkTable;
 use crate::models::{RegressorConfig, Variant};
 use crate::nn::Weights;
 
@@ -28,6 +33,8 @@ pub struct SceneFile {
     pub config: RegressorConfig,
     /// The tensors of [`RegressorConfig::tensors`].
     pub weights: Weights,
+    /// What is looked for again once a pose is known; files of version 1 have none.
+    pub landmarks: Option<LandmarkTable>,
 }
 
 impl SceneFile {
@@ -57,10 +64,12 @@ impl SceneFile {
         check_descriptor_size(&info, &config)?;
         let weights = file.weights()?;
         config.check_weights(&weights)?;
+        let landmarks = landmarks::from_file(&file, config.descriptor_channels())?;
         Ok(Self {
             info,
             config,
             weights,
+            landmarks,
         })
     }
 
@@ -72,7 +81,16 @@ impl SceneFile {
         self.config.check_weights(&self.weights)?;
         check_descriptor_size(&self.info, &self.config)?;
         check_sha256("extractor_sha256", &self.info.extractor_sha256)?;
-        let metadata = self.info.to_metadata(&self.config)?;
+        let version = self
+            .landmarks
+            .as_ref()
+            .map_or(FORMAT_VERSION, |_| LANDMARK_VERSION);
+        let mut metadata = self.info.to_metadata(&self.config, version)?;
+        let mut raw = Vec::new();
+        if let Some(table) = &self.landmarks {
+            table.check(self.config.descriptor_channels())?;
+            raw = landmarks::to_raw(table, &mut metadata);
+        }
         let anchored = self.config.variant() == Variant::Anchored;
         let world_heads = self.world_heads();
         let element_of = |name: &str, shape: &[usize]| match precision {
@@ -91,8 +109,7 @@ impl SceneFile {
                 _ => Element::F16,
             },
         };
-        let bytes = serialize(&metadata, &self.weights, element_of)?;
-        Ok(bytes)
+        serialize_with(&metadata, &self.weights, raw, element_of)
     }
 
     /// Last head layers of a network that predicts raw world coordinates: stored in f32, because an f16 bias far from the
@@ -156,9 +173,10 @@ fn check_descriptor_size(info: &SceneInfo, config: &RegressorConfig) -> Result<(
 
 #[cfg(test)]
 mod tests {
-    use super::super::{HeldOut, TrainingSummary};
+    use super::super::{HeldOut, TrainingSummary, serialize};
     use super::*;
     use crate::geometry::{Camera, CameraModel};
+    use crate::landmarks::LandmarkError;
     use crate::models::{ExtractorKind, Preset};
     use crate::nn::WeightTensor;
     use nalgebra::Vector3;
@@ -214,6 +232,7 @@ mod tests {
             info,
             config,
             weights,
+            landmarks: None,
         }
     }
 
@@ -289,10 +308,110 @@ mod tests {
     }
 
     #[test]
+    fn landmarks_come_back_exactly_and_without_them_the_version_stays() {
+        let mut scene = scene(Preset::Compact);
+        let old = scene.to_bytes(Precision::Int8).expect("writes");
+        let version = |bytes: &[u8]| {
+            let file = TensorFile::parse(bytes).expect("parses");
+            file.text("format").expect("present").to_owned()
+        };
+        assert_eq!(version(&old), "1");
+        for lines in [true, false] {
+            let mut table = crate::landmarks::table::small();
+            if !lines {
+                table.line_positions.clear();
+                table.line_codes.clear();
+                table.line_views.clear();
+            }
+            scene.landmarks = Some(table);
+            let bytes = scene.to_bytes(Precision::Int8).expect("writes");
+            assert_eq!(version(&bytes), "2");
+            let back = SceneFile::from_bytes(&bytes).expect("reads");
+            assert_eq!(back.landmarks, scene.landmarks);
+        }
+    }
+
+    #[test]
+    fn a_landmark_table_that_is_damaged_is_refused_by_name() {
+        let mut good = scene(Preset::Compact);
+        good.landmarks = Some(crate::landmarks::table::small());
+        let mut metadata = good
+            .info
+            .to_metadata(&good.config, LANDMARK_VERSION)
+            .expect("plain data");
+        let raw = landmarks::to_raw(good.landmarks.as_ref().expect("set"), &mut metadata);
+        let read = |metadata: &_, raw: Vec<_>| {
+            let bytes = serialize_with(metadata, &good.weights, raw, |_, _| Element::F16);
+            SceneFile::from_bytes(&bytes.expect("writes")).map(|_| ())
+        };
+        read(&metadata, raw.clone()).expect("is right");
+        for i in 0..raw.len() {
+            let mut fewer = raw.clone();
+            fewer.remove(i);
+            assert!(read(&metadata, fewer).is_err(), "without {}", raw[i].name);
+            let mut other = raw.clone();
+            other[i].dtype = "I8";
+            other[i].shape = vec![other[i].bytes.len(), 1];
+            assert!(
+                matches!(
+                    read(&metadata, other),
+                    Err(SceneFileError::LandmarkTensor { .. })
+                ),
+                "{} of another type",
+                raw[i].name
+            );
+        }
+        let with = |name: &str, change: &dyn Fn(&mut Vec<u8>)| {
+            let mut damaged = raw.clone();
+            let tensor = damaged.iter_mut().find(|t| t.name == name);
+            change(&mut tensor.expect("present").bytes);
+            read(&metadata, damaged).expect_err("must refuse")
+        };
+        let error = with("landmark.point.clusters", &|bytes| bytes[1] = 77);
+        assert!(matches!(
+            error,
+            SceneFileError::Landmarks(LandmarkError::Cluster { found: 77, .. })
+        ));
+        let error = with("landmark.point.mean", &|bytes| {
+            bytes[4..8].copy_from_slice(&f32::NAN.to_le_bytes());
+        });
+        assert!(matches!(
+            error,
+            SceneFileError::Landmarks(LandmarkError::NotFinite { index: 1, .. })
+        ));
+        for (key, value) in [
+            ("landmark_step", "0"),
+            ("landmark_step", "NaN"),
+            ("landmark_origin", "[1,2]"),
+            ("landmark_clusters", "-1"),
+            ("landmark_clusters", "300"),
+        ] {
+            let mut other = metadata.clone();
+            other.insert(key.to_owned(), value.to_owned());
+            assert!(read(&other, raw.clone()).is_err(), "{key} {value}");
+        }
+        let mut empty = raw.clone();
+        for tensor in empty
+            .iter_mut()
+            .filter(|t| t.name.starts_with("landmark.point") && t.shape.len() == 2)
+        {
+            tensor.bytes.clear();
+            tensor.shape[0] = 0;
+        }
+        assert!(matches!(
+            read(&metadata, empty),
+            Err(SceneFileError::Landmarks(LandmarkError::Empty))
+        ));
+    }
+
+    #[test]
     fn wrong_kinds_versions_and_values_have_their_own_errors() {
         let good = scene(Preset::Compact);
         let change = |key: &str, value: &str| {
-            let mut metadata = good.info.to_metadata(&good.config).expect("plain data");
+            let mut metadata = good
+                .info
+                .to_metadata(&good.config, FORMAT_VERSION)
+                .expect("plain data");
             metadata.insert(key.to_owned(), value.to_owned());
             let bytes = serialize(&metadata, &good.weights, |_, _| Element::F32).expect("writes");
             SceneFile::from_bytes(&bytes)
@@ -304,7 +423,7 @@ mod tests {
             SceneFileError::Kind { .. }
         ));
         assert!(matches!(
-            change("format", "2"),
+            change("format", "3"),
             SceneFileError::Version { .. }
         ));
         for (key, value) in [
@@ -352,7 +471,10 @@ mod tests {
     #[test]
     fn tensors_that_are_missing_misnamed_misshapen_or_not_finite_are_refused() {
         let good = scene(Preset::Compact);
-        let metadata = good.info.to_metadata(&good.config).expect("plain data");
+        let metadata = good
+            .info
+            .to_metadata(&good.config, FORMAT_VERSION)
+            .expect("plain data");
         let write = |weights: &Weights| {
             let bytes = serialize(&metadata, weights, |_, _| Element::F32).expect("writes");
             SceneFile::from_bytes(&bytes)

@@ -114,14 +114,53 @@ impl<'a> TensorFile<'a> {
         out
     }
 
-    /// All tensors as weights; 8-bit ones multiplied out.
+    /// Names of all tensors, in no particular order.
+    pub(super) fn names(&self) -> impl Iterator<Item = &str> {
+        self.tensors.iter().map(|(name, _)| name)
+    }
+
+    /// The bytes of a tensor that holds no weights: of this element type, with so many columns or with one axis.
+    ///
+    /// # Errors
+    /// [`SceneFileError::LandmarkTensor`] when it is missing, or of another type or shape.
+    pub(super) fn raw(
+        &self,
+        name: &str,
+        dtype: &str,
+        columns: Option<usize>,
+    ) -> Result<&'a [u8], SceneFileError> {
+        let bad = |reason: String| SceneFileError::LandmarkTensor {
+            tensor: name.to_owned(),
+            reason,
+        };
+        let Ok(view) = self.tensors.tensor(name) else {
+            return Err(bad("is missing".to_owned()));
+        };
+        let is_shape = match (view.shape(), columns) {
+            ([_], None) => true,
+            ([_, found], Some(expected)) => *found == expected,
+            _ => false,
+        };
+        if view.dtype().to_string() != dtype || !is_shape {
+            let expected = columns.map_or("[n]".to_owned(), |c| format!("[n, {c}]"));
+            return Err(bad(format!(
+                "has elements of type {} and shape {:?}, expected {dtype} and {expected}",
+                view.dtype(),
+                view.shape()
+            )));
+        }
+        Ok(view.data())
+    }
+
+    /// All tensors as weights; 8-bit ones multiplied out. The landmarks' are left out.
     ///
     /// # Errors
     /// [`SceneFileError::Element`] for element types other than f32, f16 and i8, [`SceneFileError::NotFinite`],
     /// [`SceneFileError::RowScale`].
     pub fn weights(&self) -> Result<Weights, SceneFileError> {
         let mut out = Weights::new();
-        for (name, view) in self.tensors.iter() {
+        let is_weight = |(name, _): &(&str, _)| !name.starts_with(super::landmarks::PREFIX);
+        for (name, view) in self.tensors.iter().filter(is_weight) {
             let shape = view.shape();
             let tensor = match view.dtype() {
                 Dtype::F32 if self.is_row_scale(name) => continue,
@@ -225,6 +264,16 @@ fn finite<T: Copy>(
     }
 }
 
+/// A tensor whose bytes are written as they are.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct RawTensor {
+    pub(super) name: &'static str,
+    /// As safetensors calls it.
+    pub(super) dtype: &'static str,
+    pub(super) shape: Vec<usize>,
+    pub(super) bytes: Vec<u8>,
+}
+
 struct Blob<'a> {
     dtype: &'static str,
     shape: Cow<'a, [usize]>,
@@ -242,7 +291,25 @@ pub fn serialize(
     weights: &Weights,
     element_of: impl Fn(&str, &[usize]) -> Element,
 ) -> Result<Vec<u8>, SceneFileError> {
-    let mut blobs: Vec<(String, Blob<'_>)> = Vec::with_capacity(weights.len());
+    serialize_with(metadata, weights, Vec::new(), element_of)
+}
+
+/// [`serialize`] with further tensors.
+pub(super) fn serialize_with(
+    metadata: &BTreeMap<String, String>,
+    weights: &Weights,
+    raw: Vec<RawTensor>,
+    element_of: impl Fn(&str, &[usize]) -> Element,
+) -> Result<Vec<u8>, SceneFileError> {
+    let mut blobs: Vec<(String, Blob<'_>)> = Vec::with_capacity(weights.len() + raw.len());
+    for tensor in raw {
+        let blob = Blob {
+            dtype: tensor.dtype,
+            shape: Cow::Owned(tensor.shape),
+            bytes: tensor.bytes,
+        };
+        blobs.push((tensor.name.to_owned(), blob));
+    }
     for (name, tensor) in weights.iter() {
         let shape = tensor.shape();
         let data = finite(name, tensor.to_f32(), |x| x)?;
@@ -280,7 +347,7 @@ pub fn serialize(
     }
     let rank = |dtype: &str| match dtype {
         "F32" => 0_u8,
-        "F16" => 1,
+        "F16" | "U16" => 1,
         _ => 2,
     };
     blobs.sort_by(|a, b| (rank(a.1.dtype), &a.0).cmp(&(rank(b.1.dtype), &b.0)));

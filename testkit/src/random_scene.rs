@@ -36,6 +36,7 @@ pub fn random_scene(kind: ExtractorKind, config: RegressorConfig) -> (SceneFile,
     let scene = SceneFile {
         info: SceneInfo::new(kind, sha256.clone()),
         weights: scaled_weights(&config.tensors(), &mut rng),
+        landmarks: None,
         config,
     };
     let extractor = ExtractorFile {

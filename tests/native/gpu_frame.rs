@@ -328,6 +328,7 @@ fn tiny_parts(side: usize) -> FrameParts {
         branches: vec![branch],
         ports: TINY,
         storage: WeightStorage::Exact,
+        reads_descriptors: true,
     }
 }
 
@@ -351,6 +352,10 @@ fn two_thousand_frames_make_no_objects_and_all_answer_alike() {
     let expected = [0, 2, 5].map(|n| run_tiny(&mut frame, TINY_SIDE, n));
     assert_eq!(expected[0].scores.len(), 20, "the picture has keypoints");
     assert_ne!(expected[1], expected[0], "segments matter");
+    for (result, segments) in expected.iter().zip([0, 2, 5]) {
+        let lengths = result.descriptors.each_ref().map(Vec::len);
+        assert_eq!(lengths, [20 * 8, segments * TINY_TOKENS * 8]);
+    }
     let (made, alive) = (gpu.num_objects_created(), gpu.num_objects_alive());
     assert!(alive.is_some_and(|n| n > 0));
     for i in 0..2000 {

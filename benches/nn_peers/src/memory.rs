@@ -61,6 +61,7 @@ pub extern "C" fn make_example_files() {
         info: SceneInfo::new(kind, SHA256),
         config,
         weights,
+        landmarks: None,
     };
     let extractor = ExtractorFile {
         kind,

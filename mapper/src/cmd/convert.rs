@@ -227,5 +227,6 @@ fn imported_scene(
         info,
         config,
         weights,
+        landmarks: None,
     }
 }

@@ -8,6 +8,7 @@ pub mod export;
 pub mod features;
 pub mod inspect;
 pub mod labels;
+pub mod landmarks;
 pub mod lines;
 pub mod locate;
 #[cfg(feature = "train")]

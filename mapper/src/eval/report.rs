@@ -112,6 +112,10 @@ pub fn to_json(evaluation: &Evaluation, subject: &Subject) -> serde_json::Value 
             "methods": image.methods,
             "other_seeds": image.other_seeds,
             "lines": image.lines,
+            "found_again": image.found_again.map(|f| json!({
+                "points": [f.found_points, f.visible_points],
+                "lines": [f.found_lines, f.visible_lines],
+            })),
             "total_ms": image.total_ms,
         })).collect::<Vec<_>>(),
     })

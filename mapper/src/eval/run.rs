@@ -1,6 +1,6 @@
 //! Runs a scene on pictures with known poses. The main result comes from the relocalizer as it ships; the others are the
-//! same correspondences of points alone and of lines alone, and the baseline, all solved by the same solver. Further seeds
-//! solve the same correspondences again.
+//! relocalizer with points alone, with lines alone, and without the second look where the scene has one, and the baseline, all
+//! from the same features and solved by the same solver. Further seeds solve the same features again.
 
 use super::baseline::Landmarks;
 use super::lines::{LineAccuracy, LineTruth};
@@ -11,12 +11,15 @@ use crate::picture::{self, PictureError};
 use landline::features::FeatureSet;
 use landline::geometry::CamFromWorld;
 use landline::image::{FrameView, PixelFormat};
+use landline::landmarks::FoundAgain;
 use landline::math::stats::median_in_place;
 use landline::pose::{
     self, LineCorrespondence, PointCorrespondence, PoseError as SolverError, PoseOptions,
     PoseScratch,
 };
-use landline::relocalizer::{LocateError, Outcome, Query, Relocalizer};
+use landline::relocalizer::{
+    CreateError, LiveOptions, LocateError, Outcome, Query, Relocalizer, Report,
+};
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -46,6 +49,9 @@ pub enum EvalError {
         /// Why.
         source: SolverError,
     },
+    /// An option has no meaning.
+    #[error(transparent)]
+    Options(CreateError),
     /// A test picture without a known pose.
     #[error("picture {0} has no pose to compare with")]
     NoTruth(String),
@@ -77,10 +83,12 @@ pub struct ImageResult {
     pub cam_from_world: Option<CamFromWorld>,
     /// Predicted segments against triangulated ones.
     pub lines: Option<LineAccuracy>,
+    /// What the second look found again, where there was one.
+    pub found_again: Option<FoundAgain>,
     /// Of the relocalizer, without reading the picture.
     pub total_ms: f64,
-    /// Grey and resize, features, lines, networks, solver.
-    pub stages_ms: [f64; 5],
+    /// Grey and resize, features, lines, networks, solver, second look.
+    pub stages_ms: [f64; 6],
 }
 
 impl ImageResult {
@@ -121,8 +129,8 @@ pub struct Evaluation {
     pub methods: Vec<(String, Summary)>,
     /// Picture by picture.
     pub images: Vec<ImageResult>,
-    /// Medians: grey and resize, features, lines, networks, solver, all.
-    pub median_ms: [f64; 6],
+    /// Medians: grey and resize, features, lines, networks, solver, second look, all.
+    pub median_ms: [f64; 7],
     /// Solver seeds that are pooled in the figures.
     pub num_seeds: u64,
     /// Points and lines against points only; none without lines.
@@ -131,11 +139,34 @@ pub struct Evaluation {
     pub lines: Option<LineAccuracy>,
 }
 
-/// Names of the scene's own variants, in the order of [`ImageResult::methods`].
-const VARIANTS: [&str; 3] = ["points + lines", "points only", "lines only"];
+/// Names of the scene's own variants, in the order of [`ImageResult::methods`]. The last is there where the scene has landmarks.
+const VARIANTS: [&str; 4] = ["points + lines", "points only", "lines only", FIRST_POSE];
+const FIRST_POSE: &str = "first pose";
+
+/// How a variant changes the options.
+fn variant(name: &str, live: LiveOptions) -> LiveOptions {
+    let all = live;
+    match name {
+        "points only" => LiveOptions {
+            max_lines: 0,
+            ..all
+        },
+        "lines only" => LiveOptions {
+            max_points: 0,
+            ..all
+        },
+        FIRST_POSE => LiveOptions {
+            look_again: false,
+            ..all
+        },
+        _ => all,
+    }
+}
 
 /// Names of the stages in the order of [`Evaluation::median_ms`].
-pub(super) const STAGES: [&str; 6] = ["resize", "features", "lines", "networks", "solver", "all"];
+pub(super) const STAGES: [&str; 7] = [
+    "resize", "features", "lines", "networks", "solver", "again", "all",
+];
 
 /// Runs a scene over pictures.
 pub struct Evaluator<'a> {
@@ -175,18 +206,22 @@ impl<'a> Evaluator<'a> {
             for result in &mut results {
                 let methods = std::iter::once(&mut result.methods);
                 for methods in methods.chain(&mut result.other_seeds) {
-                    methods.drain(1..VARIANTS.len().min(methods.len()));
+                    methods.drain(1..3.min(methods.len()));
                 }
             }
         }
-        let names = if has_lines {
-            VARIANTS.map(str::to_owned).to_vec()
+        let mut names = if has_lines {
+            VARIANTS[..3].iter().map(|n| (*n).to_owned()).collect()
         } else {
             vec!["scene".to_owned()]
         };
+        if self.relocalizer.has_landmarks() {
+            names.push(FIRST_POSE.to_owned());
+        }
         let baseline = self.options.baseline;
         let baseline_name = baseline.map(|l| format!("nearest of {} landmarks", l.len()));
-        let errors: Vec<Vec<Vec<Option<PoseError>>>> = (0..names.len() + 1)
+        let num_columns = names.len() + usize::from(baseline_name.is_some());
+        let errors: Vec<Vec<Vec<Option<PoseError>>>> = (0..num_columns)
             .map(|column| {
                 let of_image = |r: &ImageResult| -> Vec<Option<PoseError>> {
                     r.all_seeds()
@@ -232,6 +267,7 @@ impl<'a> Evaluator<'a> {
             median(&|r| r.stages_ms[2]),
             median(&|r| r.stages_ms[3]),
             median(&|r| r.stages_ms[4]),
+            median(&|r| r.stages_ms[5]),
             median(&|r| r.total_ms),
         ];
         Ok(Evaluation {
@@ -257,68 +293,77 @@ impl<'a> Evaluator<'a> {
         let start = Instant::now();
         let mut clock = || start.elapsed().as_secs_f64() * 1e3;
         let query = Query::with_camera(image.camera);
+        let located = |source| EvalError::Locate {
+            path: image.path.clone(),
+            source,
+        };
         // On the CPU unless the caller moved the networks to a device.
-        let report =
-            pollster::block_on(self.relocalizer.locate_with_gpu(&frame, &query, &mut clock))
-                .map_err(|source| EvalError::Locate {
-                    path: image.path.clone(),
-                    source,
-                })?;
-        let mut methods = Vec::with_capacity(4);
+        let observed = pollster::block_on(async {
+            let begun = self.relocalizer.begin(&frame, &query, &mut clock).await?;
+            self.relocalizer.observe(begun, &mut clock).await
+        })
+        .map_err(located)?;
+        let report = self
+            .relocalizer
+            .solve(observed.clone(), &query, &mut clock)
+            .map_err(located)?;
         let cam_from_world = report.outcome.located().map(|l| l.cam_from_world);
-        methods.push(MethodResult {
-            error: cam_from_world.map(|t| PoseError::between(&t, &truth)),
-            inliers: (
-                report.counts.num_point_inliers,
-                report.counts.num_line_inliers,
-            ),
-            reason: match report.outcome {
-                Outcome::Located(_) => None,
-                Outcome::NotLocated(reason) => Some(reason.message().to_owned()),
-            },
-        });
-        let points: Vec<PointCorrespondence> = self.relocalizer.points().map(|(p, _)| p).collect();
-        let marked: Vec<(LineCorrespondence, bool)> = self.relocalizer.lines().collect();
-        let lines: Vec<LineCorrespondence> = marked.iter().map(|(l, _)| *l).collect();
-        *has_lines |= !lines.is_empty();
+        let live = self.relocalizer.options().live;
+        let num_variants = VARIANTS.len() - usize::from(!self.relocalizer.has_landmarks());
+        let mut methods = vec![method_result(&report, &truth)];
+        let mut predicted: Vec<(LineCorrespondence, bool)> = self.relocalizer.lines().collect();
+        *has_lines |= !predicted.is_empty();
         let options = self.relocalizer.options();
-        let (solver, max_side) = (&options.live.pose, options.front_end.max_side);
-        let options = solver_options(solver, max_side, frame.width, frame.height);
+        let max_side = options.front_end.max_side;
+        let options = solver_options(&options.live.pose, max_side, frame.width, frame.height);
+        let mut other_seeds = Vec::new();
+        for seed in 0..self.options.num_seeds {
+            let mut of_seed = Vec::with_capacity(VARIANTS.len() + 1);
+            for name in &VARIANTS[usize::from(seed == 0)..num_variants] {
+                let mut changed = variant(name, live);
+                changed.pose.seed = live.pose.seed.wrapping_add(seed);
+                self.relocalizer
+                    .set_live(changed)
+                    .map_err(EvalError::Options)?;
+                let report = self
+                    .relocalizer
+                    .solve(observed.clone(), &query, &mut clock)
+                    .map_err(located)?;
+                of_seed.push(method_result(&report, &truth));
+                if seed == 0 && *name == FIRST_POSE {
+                    predicted = self.relocalizer.lines().collect();
+                }
+            }
+            if seed == 0 {
+                methods.append(&mut of_seed);
+            } else {
+                other_seeds.push(of_seed);
+            }
+        }
+        self.relocalizer
+            .set_live(live)
+            .map_err(EvalError::Options)?;
         let wants_features = self.options.baseline.is_some() || self.options.lines.is_some();
         let features: Option<FeatureSet> = match self.options.extraction {
             Some(extraction) if wants_features => Some(extraction.features(image)?),
             _ => None,
         };
         let line_accuracy = match (self.options.lines, &features) {
-            (Some(known), Some(features)) if !marked.is_empty() => {
-                Some(known.compare(image.camera, truth, features, &marked))
+            (Some(known), Some(features)) if !predicted.is_empty() => {
+                Some(known.compare(image.camera, truth, features, &predicted))
             }
             _ => None,
         };
-        let landmarks = match (self.options.baseline, features) {
-            (Some(landmarks), Some(features)) => Some(landmarks.correspond(&features)),
-            _ => None,
-        };
-        methods.push(self.solve(image, &truth, &points, &[], &options)?);
-        methods.push(self.solve(image, &truth, &[], &lines, &options)?);
-        if let Some(landmarks) = &landmarks {
-            methods.push(self.solve(image, &truth, landmarks, &[], &options)?);
-        }
-        let mut other_seeds = Vec::new();
-        for more in 1..self.options.num_seeds {
-            let options = PoseOptions {
-                seed: options.seed.wrapping_add(more),
-                ..options
-            };
-            let mut methods = vec![
-                self.solve(image, &truth, &points, &lines, &options)?,
-                self.solve(image, &truth, &points, &[], &options)?,
-                self.solve(image, &truth, &[], &lines, &options)?,
-            ];
-            if let Some(landmarks) = &landmarks {
-                methods.push(self.solve(image, &truth, landmarks, &[], &options)?);
+        if let (Some(landmarks), Some(features)) = (self.options.baseline, features) {
+            let nearest = landmarks.correspond(&features);
+            methods.push(self.solve(image, &truth, &nearest, &options)?);
+            for (more, of_seed) in (1..).zip(&mut other_seeds) {
+                let options = PoseOptions {
+                    seed: options.seed.wrapping_add(more),
+                    ..options
+                };
+                of_seed.push(self.solve(image, &truth, &nearest, &options)?);
             }
-            other_seeds.push(methods);
         }
         let t = report.timings;
         Ok(ImageResult {
@@ -328,6 +373,7 @@ impl<'a> Evaluator<'a> {
             truth,
             cam_from_world,
             lines: line_accuracy,
+            found_again: report.found_again,
             total_ms: t.total_ms,
             stages_ms: [
                 t.preprocess_ms,
@@ -335,6 +381,7 @@ impl<'a> Evaluator<'a> {
                 t.lines_ms,
                 t.regress_ms,
                 t.solve_ms,
+                t.look_ms,
             ],
         })
     }
@@ -344,12 +391,11 @@ impl<'a> Evaluator<'a> {
         image: &DatasetImage,
         truth: &CamFromWorld,
         points: &[PointCorrespondence],
-        lines: &[LineCorrespondence],
         options: &PoseOptions,
     ) -> Result<MethodResult, EvalError> {
         let outcome = pose::estimate(
             points,
-            lines,
+            &[],
             &image.camera,
             options,
             &mut self.scratch,
@@ -370,6 +416,21 @@ impl<'a> Evaluator<'a> {
                 .is_none()
                 .then(|| outcome.status.message().to_owned()),
         })
+    }
+}
+
+fn method_result(report: &Report, truth: &CamFromWorld) -> MethodResult {
+    let counts = &report.counts;
+    MethodResult {
+        error: report
+            .outcome
+            .located()
+            .map(|l| PoseError::between(&l.cam_from_world, truth)),
+        inliers: (counts.num_point_inliers, counts.num_line_inliers),
+        reason: match report.outcome {
+            Outcome::Located(_) => None,
+            Outcome::NotLocated(reason) => Some(reason.message().to_owned()),
+        },
     }
 }
 

@@ -60,5 +60,6 @@ pub fn scene(
         info,
         config: trained.config.clone(),
         weights,
+        landmarks: None,
     })
 }

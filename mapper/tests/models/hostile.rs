@@ -57,6 +57,7 @@ fn small_scene() -> SceneFile {
         info: SceneInfo::new(ExtractorKind::Xfeat, "0".repeat(64)),
         config,
         weights,
+        landmarks: None,
     }
 }
 

@@ -50,6 +50,7 @@ fn files() -> (Vec<u8>, Vec<u8>) {
     let scene = SceneFile {
         info: SceneInfo::new(kind, "0".repeat(64)),
         weights: noise(config.tensors()),
+        landmarks: None,
         config,
     };
     (

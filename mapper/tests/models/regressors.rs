@@ -251,6 +251,7 @@ fn stored_precisions_stay_close_to_the_full_network() {
             info: SceneInfo::new(ExtractorKind::Xfeat, "0".repeat(64)),
             config,
             weights,
+            landmarks: None,
         };
         let run = |precision: Precision| {
             let bytes = scene.to_bytes(precision).expect("writes");

@@ -93,6 +93,7 @@ fn check(name: &str, preset: Preset, network: &[&str]) {
         },
         config: trained.config.clone(),
         weights,
+        landmarks: None,
     };
     let bytes = scene.to_bytes(Precision::F32).expect("can be written");
     let scene = SceneFile::from_bytes(&bytes).expect("can be read");

@@ -30,6 +30,8 @@ pub struct FrameResult {
     pub scores: Vec<f32>,
     /// For each branch its outputs by name, at their run-time number of rows.
     pub branches: Vec<Outputs>,
+    /// Descriptors of the keypoints, and those along the segments; empty unless the parts asked for them.
+    pub descriptors: [Vec<f32>; 2],
 }
 
 /// The networks for one size of picture.
@@ -52,6 +54,11 @@ impl Picture {
             point_sampler: load(lowered.point_sampler)?,
             line_sampler: lowered.line_sampler.map(load).transpose()?,
         })
+    }
+
+    /// Of the keypoints, then along the segments.
+    fn samplers(&self) -> impl Iterator<Item = &GpuNetwork> {
+        core::iter::once(&self.point_sampler).chain(&self.line_sampler)
     }
 }
 
@@ -83,7 +90,12 @@ impl GpuFrame {
     ) -> Result<Self, GpuError> {
         let picture = parts.picture.lower(parts.storage)?;
         let branches = lower_all(parts.branches, parts.storage)?;
-        let plan = FramePlan::new(&parts.ports, &picture, &branches.iter().collect::<Vec<_>>())?;
+        let plan = FramePlan::new(
+            &parts.ports,
+            &picture,
+            &branches.iter().collect::<Vec<_>>(),
+            parts.reads_descriptors,
+        )?;
         let capacity = picture.capacity;
         gpu.attempt("the networks of a frame", || {
             let staging = gpu.buffer(
@@ -123,7 +135,8 @@ impl GpuFrame {
         self.picture = None;
         let lowered = parts.lower(self.storage)?;
         let branches: Vec<_> = self.branches.iter().map(GpuNetwork::lowered).collect();
-        let plan = FramePlan::new(&self.ports, &lowered, &branches)?;
+        let reads_descriptors = self.plan.reads_descriptors;
+        let plan = FramePlan::new(&self.ports, &lowered, &branches, reads_descriptors)?;
         if lowered.capacity != self.capacity || plan.staging_bytes != self.plan.staging_bytes {
             return Err(self.unusable("the number of keypoints cannot change with the size"));
         }
@@ -319,6 +332,11 @@ impl GpuFrame {
             branch.encode(encoder);
             at = branch.encode_outputs(encoder, staging, at);
         }
+        if self.plan.reads_descriptors {
+            for sampler in picture.samplers() {
+                at = sampler.encode_outputs(encoder, staging, at);
+            }
+        }
         Ok(())
     }
 
@@ -332,7 +350,7 @@ impl GpuFrame {
                 .map(|&word| f32::from_bits(word))
                 .collect()
         };
-        FrameResult {
+        let mut result = FrameResult {
             positions: floats(take(2 * self.capacity), 2 * num_keypoints),
             scores: floats(take(self.capacity), num_keypoints),
             branches: self
@@ -340,6 +358,19 @@ impl GpuFrame {
                 .iter()
                 .map(|branch| branch.parse_outputs(&mut take))
                 .collect(),
+            descriptors: Default::default(),
+        };
+        if self.plan.reads_descriptors
+            && let Some(picture) = &self.picture
+        {
+            for (of_sampler, sampler) in result.descriptors.iter_mut().zip(picture.samplers()) {
+                let outputs = sampler.parse_outputs(&mut take);
+                let wanted = |(name, _): &(String, _)| name == self.ports.descriptors;
+                if let Some((_, numbers)) = outputs.into_iter().find(wanted) {
+                    *of_sampler = numbers;
+                }
+            }
         }
+        result
     }
 }

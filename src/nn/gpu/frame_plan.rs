@@ -76,6 +76,8 @@ pub struct FrameParts {
     pub ports: FramePorts,
     /// How weights are stored.
     pub storage: WeightStorage,
+    /// Bring the descriptors back too, of keypoints and along segments.
+    pub reads_descriptors: bool,
 }
 
 impl FrameParts {
@@ -86,7 +88,12 @@ impl FrameParts {
     pub fn cost(self) -> Result<(GpuCost, u64), GpuError> {
         let picture = self.picture.lower(self.storage)?;
         let branches = lower_all(self.branches, self.storage)?;
-        let plan = FramePlan::new(&self.ports, &picture, &branches.iter().collect::<Vec<_>>())?;
+        let plan = FramePlan::new(
+            &self.ports,
+            &picture,
+            &branches.iter().collect::<Vec<_>>(),
+            self.reads_descriptors,
+        )?;
         Ok((plan.cost, plan.staging_bytes))
     }
 }
@@ -146,6 +153,8 @@ pub(super) struct FramePlan {
     pub(super) joints: Vec<Joint>,
     pub(super) cost: GpuCost,
     pub(super) staging_bytes: u64,
+    /// The samplers' outputs follow those of the branches.
+    pub(super) reads_descriptors: bool,
 }
 
 /// Whether a graph has an input of this name.
@@ -162,6 +171,7 @@ impl FramePlan {
         ports: &FramePorts,
         picture: &LoweredPicture,
         branches: &[&LoweredNetwork],
+        reads_descriptors: bool,
     ) -> Result<Self, GpuError> {
         let features = picture.extractor.graph.output(ports.features)?;
         let mut samplers = vec![(Member::PointSampler, &picture.point_sampler)];
@@ -210,12 +220,16 @@ impl FramePlan {
             }
             bytes_copied += given;
         }
-        // Count, positions and scores of the keypoints, then each branch's counts and outputs.
+        let read_samplers = samplers.iter().filter(|_| reads_descriptors);
+        // Count, positions and scores of the keypoints, then each branch's counts and outputs, then the samplers'.
         let staging_bytes = 4
             + 12 * picture.capacity as u64
             + branches
                 .iter()
                 .map(|branch| branch.output_bytes())
+                .sum::<u64>()
+            + read_samplers
+                .map(|(_, sampler)| sampler.output_bytes())
                 .sum::<u64>();
         let uploads = [
             Some((&picture.extractor, ports.gray)),
@@ -245,6 +259,7 @@ impl FramePlan {
             joints,
             cost,
             staging_bytes,
+            reads_descriptors,
         })
     }
 }

@@ -1,0 +1,78 @@
+//! `landline landmarks`: gives a scene the landmarks of its labels.
+
+use crate::cmd::convert::PrecisionArg;
+use crate::files;
+use crate::labels::Labels;
+use crate::scene::read_scene;
+use anyhow::{Context, Result};
+use landline::landmarks::from_map::{Budget, table};
+use landline::reconstruction::Reconstruction;
+use landline::scene_file::{Precision, SceneFile};
+use std::path::PathBuf;
+
+/// Give a scene the landmarks that are looked for again once a pose is known.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// The scene file.
+    scene: PathBuf,
+    /// The labels that it was taught with.
+    labels: PathBuf,
+    /// Scene file to write.
+    #[arg(long, short)]
+    out: PathBuf,
+    #[command(flatten)]
+    size: SizeArgs,
+    /// How weights are stored.
+    #[arg(long, value_enum, default_value_t = PrecisionArg::Int8)]
+    precision: PrecisionArg,
+}
+
+/// How large a scene may become.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct SizeArgs {
+    /// Most bytes of the scene file: landmarks take what the networks leave.
+    #[arg(long, value_name = "N", default_value_t = 400_000)]
+    pub max_bytes: usize,
+}
+
+/// Adds the landmarks.
+///
+/// # Errors
+/// When a file cannot be read or written, or the budget is too small.
+pub fn run(args: Args) -> Result<()> {
+    let (mut scene, _) = read_scene(&args.scene)?;
+    let labels = Labels::read(&args.labels)?;
+    let precision = args.precision.into();
+    add(&mut scene, &labels.map, args.size, precision)?;
+    let bytes = scene.to_bytes(precision)?;
+    files::write_bytes(&args.out, &bytes)
+        .with_context(|| format!("writing {}", args.out.display()))?;
+    println!("wrote {} ({} bytes)", args.out.display(), bytes.len());
+    Ok(())
+}
+
+/// Gives a scene the landmarks of its map, as many as the size allows, and says how many.
+///
+/// # Errors
+/// When the map has none, or the size is too small.
+pub fn add(
+    scene: &mut SceneFile,
+    map: &Reconstruction,
+    size: SizeArgs,
+    precision: Precision,
+) -> Result<()> {
+    scene.landmarks = None;
+    let budget = Budget {
+        max_bytes: size.max_bytes,
+        networks: scene.to_bytes(precision)?.len(),
+    };
+    let table = table(map, budget).context("landmarks")?;
+    println!(
+        "landmarks: {} points and {} lines, {} clusters of views",
+        table.point_positions.len(),
+        table.line_positions.len(),
+        table.num_clusters
+    );
+    scene.landmarks = Some(table);
+    Ok(())
+}

@@ -4,6 +4,7 @@
 //! Nothing here but [`parallel`] allocates; nothing reads a clock or depends on the target: native and wasm give the same bits.
 
 pub mod elementary;
+pub mod least_squares;
 pub mod parallel;
 pub mod poly;
 pub mod precise;

@@ -1,8 +1,9 @@
-//! One point from several rays: midpoint of two, Gauss-Newton on the reprojection error of many.
+//! One point from several rays: midpoint of two, least squares on the reprojection error of many.
 
 use super::{Observation, PosedView};
 use crate::math::elementary;
-use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
+use crate::math::least_squares::{Damping, LeastSquares, Normal, minimize};
+use nalgebra::{Matrix2x3, Vector2, Vector3};
 
 /// A half line in the world.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -58,50 +59,12 @@ impl Bundle<'_> {
         start: Vector3<f64>,
         huber_px: f64,
     ) -> Vector3<f64> {
-        let mut point = start;
-        let mut lambda = 1e-6;
-        let mut cost = self.cost(observations, &point, huber_px);
-        for _ in 0..10 {
-            let mut hessian = Matrix3::zeros();
-            let mut gradient = Vector3::zeros();
-            for o in observations {
-                let Some((residual, jacobian)) = self.residual(*o, &point) else {
-                    continue;
-                };
-                let norm = residual.norm();
-                let weight = if norm > huber_px {
-                    huber_px / norm
-                } else {
-                    1.0
-                };
-                hessian += weight * jacobian.transpose() * jacobian;
-                gradient += weight * jacobian.transpose() * residual;
-            }
-            let mut damped = hessian;
-            for i in 0..3 {
-                damped[(i, i)] *= 1.0 + lambda;
-            }
-            let Some(step) = damped.cholesky().map(|c| c.solve(&gradient)) else {
-                break;
-            };
-            let moved = point - step;
-            let moved_cost = self.cost(observations, &moved, huber_px);
-            if moved_cost < cost {
-                let is_done = cost - moved_cost < 1e-9 * cost;
-                point = moved;
-                cost = moved_cost;
-                lambda *= 0.1;
-                if is_done {
-                    break;
-                }
-            } else {
-                lambda = lambda.max(1e-9) * 100.0;
-                if lambda > 1e6 {
-                    break;
-                }
-            }
-        }
-        point
+        let mut problem = PointProblem {
+            bundle: self,
+            observations,
+            huber_px,
+        };
+        minimize(&mut problem, start, &Damping::default(), || false).0
     }
 
     fn residual(
@@ -131,20 +94,6 @@ impl Bundle<'_> {
         ))
     }
 
-    fn cost(&self, observations: &[Observation], point: &Vector3<f64>, huber_px: f64) -> f64 {
-        observations
-            .iter()
-            .map(|o| {
-                let error = self.error_px(*o, point).min(1e6);
-                if error > huber_px {
-                    huber_px * (2.0 * error - huber_px)
-                } else {
-                    error * error
-                }
-            })
-            .sum()
-    }
-
     /// Largest angle between the rays of the observations, in radians.
     pub fn largest_angle(&self, observations: &[Observation], point: &Vector3<f64>) -> f64 {
         let directions: Vec<Vector3<f64>> = observations
@@ -169,5 +118,58 @@ impl Bundle<'_> {
         };
         let (_, edge) = farthest(first);
         farthest(&edge).0
+    }
+}
+
+/// The place of one point under Huber's loss.
+struct PointProblem<'a> {
+    bundle: &'a Bundle<'a>,
+    observations: &'a [Observation],
+    huber_px: f64,
+}
+
+/// An observation that cannot see the point costs as much as one that is so far off.
+const UNSEEN_PX: f64 = 1e6;
+
+impl LeastSquares for PointProblem<'_> {
+    type Parameters = Vector3<f64>;
+    type Normal = Normal<3>;
+    type Step = Vector3<f64>;
+
+    fn normal(&mut self, point: &Vector3<f64>) -> Normal<3> {
+        let mut normal = Normal::default();
+        let huber = self.huber_px;
+        for o in self.observations {
+            let mut error = UNSEEN_PX;
+            if let Some((residual, jacobian)) = self.bundle.residual(*o, point) {
+                error = residual.norm().min(UNSEEN_PX);
+                let weight = if error > huber { huber / error } else { 1.0 };
+                for (row, r) in jacobian.row_iter().zip(residual.iter()) {
+                    normal.add(&row.transpose(), *r, weight);
+                }
+            }
+            normal.cost += if error > huber {
+                huber * (error - 0.5 * huber)
+            } else {
+                0.5 * error * error
+            };
+        }
+        normal
+    }
+
+    fn cost(&self, normal: &Normal<3>) -> f64 {
+        normal.cost
+    }
+
+    fn step(&self, normal: &Normal<3>, lambda: f64) -> Option<Vector3<f64>> {
+        normal.step(lambda)
+    }
+
+    fn step_sq(&self, step: &Vector3<f64>) -> f64 {
+        step.norm_squared()
+    }
+
+    fn moved(&self, at: &Vector3<f64>, step: &Vector3<f64>) -> Vector3<f64> {
+        at + step
     }
 }

@@ -3,9 +3,10 @@
 use super::super::{LineTrack, Observation, PosedView};
 use super::LineParams;
 use super::world_line::{SegmentPlane, WorldLine, covered, line_error_px, segment_plane};
+use crate::math::least_squares::{Damping, LeastSquares, Normal, minimize};
 use crate::math::stats::quantile_in_place;
 use crate::math::{Rng, elementary};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Vector3, Vector4};
 
 /// All lines of a set of segments, best first; what fits none is left out.
 pub(super) fn robust(
@@ -200,8 +201,7 @@ fn initial_line(views: &[PosedView<'_>], observations: &[Observation]) -> Option
     Some(WorldLine { point, direction })
 }
 
-/// Gauss-Newton on the distances of observed ends to the projected line, over the four degrees of freedom of a line:
-/// two support points, each moving across the line.
+/// Least squares, under Cauchy's loss of one pixel, on the distances of observed ends to the projected line.
 fn refine(views: &[PosedView<'_>], observations: &[Observation], start: WorldLine) -> WorldLine {
     // Support points where the observations are, so that both degrees of freedom per point are well determined.
     let mut places: Vec<f64> = observations
@@ -218,80 +218,123 @@ fn refine(views: &[PosedView<'_>], observations: &[Observation], start: WorldLin
     if !(high > low) {
         return start;
     }
-    let mut line = WorldLine {
+    let support = Support {
         point: start.point + low * start.direction,
         direction: start.direction,
+        length: high - low,
     };
-    let mut length = high - low;
-    for _ in 0..8 {
-        let helper = if line.direction.x.abs() < 0.7 {
+    let mut problem = LineProblem {
+        views,
+        observations,
+    };
+    let (found, _) = minimize(&mut problem, support, &Damping::default(), || false);
+    WorldLine {
+        point: found.point,
+        direction: found.direction,
+    }
+}
+
+/// A line by two points of it.
+#[derive(Debug, Clone, Copy)]
+struct Support {
+    point: Vector3<f64>,
+    direction: Vector3<f64>,
+    length: f64,
+}
+
+impl Support {
+    fn ends(&self) -> [Vector3<f64>; 2] {
+        [self.point, self.point + self.length * self.direction]
+    }
+
+    /// Two directions across the line, in which its points may move.
+    fn across(&self) -> [Vector3<f64>; 2] {
+        let helper = if self.direction.x.abs() < 0.7 {
             Vector3::x()
         } else {
             Vector3::y()
         };
-        let across = line.direction.cross(&helper).normalize();
-        let up = line.direction.cross(&across);
-        let ends = [line.point, line.point + length * line.direction];
-        let mut hessian = nalgebra::Matrix4::<f64>::zeros();
-        let mut gradient = nalgebra::Vector4::<f64>::zeros();
-        for o in observations {
-            let view = &views[o.view as usize];
+        let across = self.direction.cross(&helper).normalize();
+        [across, self.direction.cross(&across)]
+    }
+}
+
+/// The four degrees of freedom of a line: two points of it, each moving across it.
+struct LineProblem<'a> {
+    views: &'a [PosedView<'a>],
+    observations: &'a [Observation],
+}
+
+impl LeastSquares for LineProblem<'_> {
+    type Parameters = Support;
+    type Normal = Normal<4>;
+    type Step = Vector4<f64>;
+
+    fn normal(&mut self, at: &Support) -> Normal<4> {
+        let mut normal = Normal::default();
+        let [across, up] = at.across();
+        let ends = at.ends();
+        for o in self.observations {
+            let view = &self.views[o.view as usize];
             let Some(seen) = view.segment_ends.get(o.feature as usize) else {
                 continue;
             };
             let r = &view.cam_from_world.rotation;
-            let (p, q) = (
-                view.cam_from_world.transform_point(&ends[0]),
-                view.cam_from_world.transform_point(&ends[1]),
-            );
-            let normal = p.cross(&q);
-            let norm = normal.xy().norm();
+            let [p, q] = ends.map(|end| view.cam_from_world.transform_point(&end));
+            let plane = p.cross(&q);
+            let norm = plane.xy().norm();
             if !(norm > 1e-12) {
                 continue;
             }
+            let unit = plane.xy() / norm;
             for end in seen {
                 let x = end.push(1.0);
                 let f = view.focal_px;
-                let distance = f * normal.dot(&x) / norm;
-                // d(normal) = dp x q + p x dq; the norm changes too.
-                let unit = normal.xy() / norm;
-                let by_normal =
+                let distance = f * plane.dot(&x) / norm;
+                // d(plane) = dp x q + p x dq; the norm changes too.
+                let by_plane =
                     f * (x / norm) - (distance / norm) * Vector3::new(unit.x, unit.y, 0.0);
-                let by_p = q.cross(&by_normal);
-                let by_q = by_normal.cross(&p);
-                let j = nalgebra::Vector4::new(
+                let by_p = q.cross(&by_plane);
+                let by_q = by_plane.cross(&p);
+                let row = Vector4::new(
                     by_p.dot(&(r * across)),
                     by_p.dot(&(r * up)),
                     by_q.dot(&(r * across)),
                     by_q.dot(&(r * up)),
                 );
-                let weight = 1.0 / (1.0 + distance * distance);
-                hessian += weight * j * j.transpose();
-                gradient += weight * distance * j;
+                normal.add(&row, distance, 1.0 / (1.0 + distance * distance));
+                normal.cost += 0.5 * elementary::ln_1p(distance * distance);
             }
         }
-        for i in 0..4 {
-            hessian[(i, i)] *= 1.0 + 1e-6;
-        }
-        let Some(step) = hessian.cholesky().map(|c| c.solve(&gradient)) else {
-            break;
-        };
-        let moved = [
-            ends[0] - across * step[0] - up * step[1],
-            ends[1] - across * step[2] - up * step[3],
-        ];
-        let along = moved[1] - moved[0];
-        length = along.norm();
-        if !(length > 1e-9) {
-            return start;
-        }
-        line = WorldLine {
-            point: moved[0],
+        normal
+    }
+
+    fn cost(&self, normal: &Normal<4>) -> f64 {
+        normal.cost
+    }
+
+    fn step(&self, normal: &Normal<4>, lambda: f64) -> Option<Vector4<f64>> {
+        normal.step(lambda)
+    }
+
+    fn step_sq(&self, step: &Vector4<f64>) -> f64 {
+        step.norm_squared()
+    }
+
+    fn moved(&self, at: &Support, step: &Vector4<f64>) -> Support {
+        let [across, up] = at.across();
+        let [p, q] = at.ends();
+        let point = p + across * step[0] + up * step[1];
+        let along = q + across * step[2] + up * step[3] - point;
+        let length = along.norm();
+        Support {
+            point,
             direction: along / length,
-        };
-        if step.norm() < 1e-7 * length {
-            break;
+            length,
         }
     }
-    line
+
+    fn is_usable(&self, at: &Support) -> bool {
+        at.length > 1e-9
+    }
 }

@@ -4,8 +4,8 @@ use crate::cmd::labels::TeachingArgs;
 use crate::dataset::{Dataset, DatasetImage, Split, open};
 use crate::device::{self, Device};
 use crate::eval::{
-    EvalOptions, Evaluation, Evaluator, Landmarks, LineTruth, Subject, baseline_size, table,
-    to_json, write_report,
+    EvalOptions, Evaluation, Evaluator, FullMatching, Landmarks, LineTruth, Subject, baseline_size,
+    table, to_json, write_report,
 };
 use crate::extract::Extraction;
 use crate::labels::Labels;
@@ -36,6 +36,14 @@ pub struct Args {
     /// Landmarks of the baseline; as many as fit the scene file's bytes when not given.
     #[arg(long, value_name = "N")]
     landmarks: Option<usize>,
+    /// Measure another method on the same pictures, with all features of the taught ones.
+    #[arg(
+        long,
+        value_enum,
+        value_name = "METHOD",
+        conflicts_with = "no_baseline"
+    )]
+    peer: Option<Peer>,
     /// Leave out what needs labels: the baseline and the comparison of lines.
     #[arg(long)]
     no_baseline: bool,
@@ -59,6 +67,13 @@ pub struct Args {
     /// Folder for report.html, report.json, report.txt, per_image.csv and pictures of the failures.
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
+}
+
+/// What a scene can be measured beside.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Peer {
+    /// The most similar taught pictures by VLAD, mutual matches with each, their points, the same solver.
+    Full,
 }
 
 /// Farther than this is a failure that is drawn.
@@ -104,6 +119,10 @@ pub fn run(args: Args) -> Result<()> {
         Landmarks::from_map(&labels.map, most)
     });
     let lines = labels.as_ref().map(|l| LineTruth::from_map(&l.map));
+    let peer = labels
+        .as_ref()
+        .filter(|_| args.peer == Some(Peer::Full))
+        .map(|l| FullMatching::new(&l.map));
     let change = |options: &mut RelocalizerOptions| {
         let live = &mut options.live;
         live.max_points = args.max_points.unwrap_or(live.max_points);
@@ -116,6 +135,7 @@ pub fn run(args: Args) -> Result<()> {
     let options = EvalOptions {
         extraction: Some(&extraction),
         baseline: landmarks.as_ref(),
+        peer: peer.as_ref(),
         lines: lines.as_ref(),
         num_seeds: args.seeds,
     };

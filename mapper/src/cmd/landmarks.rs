@@ -28,12 +28,17 @@ pub struct Args {
 }
 
 /// How large a scene may become.
-#[derive(Debug, Clone, Copy, clap::Args)]
+#[derive(Debug, Clone, Copy, Default, clap::Args)]
 pub struct SizeArgs {
-    /// Most bytes of the scene file: landmarks take what the networks leave.
-    #[arg(long, value_name = "N", default_value_t = 400_000)]
-    pub max_bytes: usize,
+    /// Most bytes of the scene file: landmarks take what the networks leave. Without it 400,000, or what the networks take
+    /// and 140,000.
+    #[arg(long, value_name = "N")]
+    pub max_bytes: Option<usize>,
 }
+
+/// Bytes of a scene, and of its landmarks at least, when nobody says.
+const USUAL_BYTES: usize = 400_000;
+const USUAL_TABLE: usize = 140_000;
 
 /// Adds the landmarks.
 ///
@@ -62,9 +67,11 @@ pub fn add(
     precision: Precision,
 ) -> Result<()> {
     scene.landmarks = None;
+    let networks = scene.to_bytes(precision)?.len();
+    let usual = USUAL_BYTES.max(networks + USUAL_TABLE);
     let budget = Budget {
-        max_bytes: size.max_bytes,
-        networks: scene.to_bytes(precision)?.len(),
+        max_bytes: size.max_bytes.unwrap_or(usual),
+        networks,
     };
     let table = table(map, budget).context("landmarks")?;
     println!(

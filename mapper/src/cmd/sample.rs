@@ -3,6 +3,7 @@
 //! Renders a room whose poses and points are known exactly, takes pictures of a walk through it, teaches a scene from them
 //! as from any other pictures, and writes it with pictures taken elsewhere in the room and their true poses.
 
+use crate::cmd::landmarks;
 use crate::cmd::train::{TrainingArgs, print_summary};
 use crate::dataset::{DatasetImage, Split};
 use crate::feature_cache::FeatureCache;
@@ -102,7 +103,9 @@ pub fn run(args: Args) -> Result<()> {
         working_max_side: WIDTH,
         held_out: None,
     };
-    let scene = export::scene(&trained, &labels, &extractor, options.preset, origin)?;
+    let mut scene = export::scene(&trained, &labels, &extractor, options.preset, origin)?;
+    let size = args.training.size;
+    landmarks::add(&mut scene, &labels.map, size, Precision::Int8)?;
     let bytes = scene.to_bytes(Precision::Int8)?;
     let path = args.out.join("sample.landline");
     files::write_bytes(&path, &bytes)?;

@@ -1,6 +1,7 @@
 //! `landline train`: from labels to a scene.
 
 use crate::cmd::convert::PrecisionArg;
+use crate::cmd::landmarks::{self, SizeArgs};
 use crate::files;
 use crate::labels::Labels;
 use crate::train::export::{self, Origin};
@@ -59,6 +60,9 @@ pub struct TrainingArgs {
     /// Folder for options, log, curves and checkpoint; without it OUT with the ending `.run`.
     #[arg(long)]
     pub run: Option<PathBuf>,
+    /// How large the scene may become.
+    #[command(flatten)]
+    pub size: SizeArgs,
     /// How weights are stored.
     #[arg(long, value_enum, default_value_t = PrecisionArg::Int8)]
     pub precision: PrecisionArg,
@@ -180,8 +184,10 @@ pub fn train_and_write(
     let trained = run::train(labels, &options, &folder, &training.control(), &device)
         .with_context(|| format!("training {}", out.display()))?;
     print_summary(&trained);
-    let scene = export::scene(&trained, labels, extractor, options.preset, origin)?;
-    let bytes = scene.to_bytes(training.precision.into())?;
+    let mut scene = export::scene(&trained, labels, extractor, options.preset, origin)?;
+    let precision = training.precision.into();
+    landmarks::add(&mut scene, &labels.map, training.size, precision)?;
+    let bytes = scene.to_bytes(precision)?;
     files::write_bytes(out, &bytes)?;
     println!("wrote {} ({} bytes)", out.display(), bytes.len());
     Ok(())

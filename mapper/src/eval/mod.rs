@@ -4,6 +4,7 @@ mod baseline;
 mod compare;
 mod html;
 mod lines;
+mod peer;
 mod plots;
 mod report;
 mod run;
@@ -11,6 +12,7 @@ mod run;
 pub use baseline::{Landmarks, baseline_size};
 pub use compare::Comparison;
 pub use lines::{LineAccuracy, LineTruth, MAX_LINE_ANGLE_DEG, MAX_LINE_DISTANCE};
+pub use peer::{FullMatching, NUM_PICTURES};
 pub use report::{Subject, per_image_csv, table, to_json, write_report};
 pub use run::{
     EvalError, EvalOptions, Evaluation, Evaluator, ImageResult, MethodResult, solver_options,

@@ -4,6 +4,7 @@
 
 use super::baseline::Landmarks;
 use super::lines::{LineAccuracy, LineTruth};
+use super::peer::{FullMatching, NUM_PICTURES};
 use super::{Comparison, PoseError, Summary};
 use crate::dataset::DatasetImage;
 use crate::extract::{ExtractError, Extraction};
@@ -105,6 +106,8 @@ pub struct EvalOptions<'a> {
     pub extraction: Option<&'a Extraction>,
     /// Landmarks of the baseline; none leaves it out.
     pub baseline: Option<&'a Landmarks>,
+    /// Full matching beside the scene; none leaves it out.
+    pub peer: Option<&'a FullMatching<'a>>,
     /// Triangulated lines to compare the predicted ones with; none leaves the comparison out.
     pub lines: Option<&'a LineTruth>,
     /// How often each picture is solved, with seeds of its own.
@@ -116,6 +119,7 @@ impl Default for EvalOptions<'_> {
         Self {
             extraction: None,
             baseline: None,
+            peer: None,
             lines: None,
             num_seeds: 1,
         }
@@ -220,7 +224,12 @@ impl<'a> Evaluator<'a> {
         }
         let baseline = self.options.baseline;
         let baseline_name = baseline.map(|l| format!("nearest of {} landmarks", l.len()));
-        let num_columns = names.len() + usize::from(baseline_name.is_some());
+        let peer_name = self
+            .options
+            .peer
+            .map(|_| format!("full matching, {NUM_PICTURES} pictures"));
+        names.extend(baseline_name.into_iter().chain(peer_name));
+        let num_columns = names.len();
         let errors: Vec<Vec<Vec<Option<PoseError>>>> = (0..num_columns)
             .map(|column| {
                 let of_image = |r: &ImageResult| -> Vec<Option<PoseError>> {
@@ -233,7 +242,6 @@ impl<'a> Evaluator<'a> {
             .collect();
         let methods: Vec<(String, Summary)> = names
             .into_iter()
-            .chain(baseline_name)
             .zip(&errors)
             .enumerate()
             .map(|(column, (name, errors))| {
@@ -343,7 +351,9 @@ impl<'a> Evaluator<'a> {
         self.relocalizer
             .set_live(live)
             .map_err(EvalError::Options)?;
-        let wants_features = self.options.baseline.is_some() || self.options.lines.is_some();
+        let wants_features = self.options.baseline.is_some()
+            || self.options.lines.is_some()
+            || self.options.peer.is_some();
         let features: Option<FeatureSet> = match self.options.extraction {
             Some(extraction) if wants_features => Some(extraction.features(image)?),
             _ => None,
@@ -354,15 +364,19 @@ impl<'a> Evaluator<'a> {
             }
             _ => None,
         };
-        if let (Some(landmarks), Some(features)) = (self.options.baseline, features) {
-            let nearest = landmarks.correspond(&features);
-            methods.push(self.solve(image, &truth, &nearest, &options)?);
+        let mut peers = Vec::new();
+        if let Some(features) = &features {
+            peers.extend(self.options.baseline.map(|l| l.correspond(features)));
+            peers.extend(self.options.peer.map(|p| p.correspond(features)));
+        }
+        for points in &peers {
+            methods.push(self.solve(image, &truth, points, &options)?);
             for (more, of_seed) in (1..).zip(&mut other_seeds) {
                 let options = PoseOptions {
                     seed: options.seed.wrapping_add(more),
                     ..options
                 };
-                of_seed.push(self.solve(image, &truth, &nearest, &options)?);
+                of_seed.push(self.solve(image, &truth, points, &options)?);
             }
         }
         let t = report.timings;

@@ -2,11 +2,8 @@
 
 use super::config::{TensorSpec, check_exactly};
 use super::error::{ModelError, check_size};
-use super::{ports, superpoint, xfeat};
+use super::{CELL, ports, superpoint, xfeat};
 use crate::nn::{AxisMap, Filter, Graph, GraphBuilder, Weights};
-
-/// Side of a cell of all extractors: one descriptor for 8 x 8 pixels.
-pub const CELL: usize = 8;
 
 /// A feature extractor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -28,9 +28,12 @@ pub use config::{
     LineBranchConfig, PointBranchConfig, Preset, RegressorConfig, TensorSpec, Variant,
 };
 pub use error::ModelError;
-pub use extractor::{CELL, ExtractorKind, Sampler, Selection, SelectionRule};
+pub use extractor::{ExtractorKind, Sampler, Selection, SelectionRule};
 pub use proposed::{AttentionLineConfig, AttentionPointConfig};
 pub use v1::V1Config;
+
+/// Side of a cell of all extractors: one descriptor for 8 x 8 pixels.
+pub const CELL: usize = 8;
 
 /// Names of counts, inputs and outputs of the branch graphs.
 pub mod ports {

@@ -5,9 +5,9 @@
 //! its two vectors stay as a channel-wise linear layer `NAME.post` (one group for each channel); where no activation lies
 //! between (the last layers of the heads) it is folded at import.
 
+use super::CELL;
 use super::config::{Specs, TensorSpec};
 use super::error::ModelError;
-use super::extractor::CELL;
 use super::ports;
 use crate::nn::{Activation, Dense, Graph, GraphBuilder, Tensor};
 

@@ -2,9 +2,9 @@
 //!
 //! Source: [xfeat2024] and its published weights.
 
+use super::CELL;
 use super::config::{Specs, TensorSpec};
 use super::error::ModelError;
-use super::extractor::CELL;
 use super::ports;
 use crate::nn::{Activation, Dense, Graph, GraphBuilder, Tensor};
 

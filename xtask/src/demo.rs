@@ -1,9 +1,9 @@
 //! `cargo xtask demo`: from a fresh checkout to poses on the terminal, by all three builds, and a working page.
 //! `cargo xtask sample`: makes the demo's sample scene anew.
 
-use crate::{paths, serve, setup, shell, tiers, web};
-use anyhow::{Result, bail};
-use std::path::{Path, PathBuf};
+use crate::{paths, serve, setup, shell, web};
+use anyhow::Result;
+use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
 
@@ -34,7 +34,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     web::build()?;
     let saved = paths::target().join("demo");
     println!("\ndemo    the sample pictures, natively:");
-    let mut locate = shell::command(native_tool()?);
+    let mut locate = shell::command(setup::native_tool()?);
     // The kernels with the bits of wasm, so that the three may be compared to the last digits; the machine's best are
     // faster and differ from them by rounding.
     locate
@@ -112,36 +112,4 @@ pub(crate) fn sample(args: &SampleArgs) -> Result<()> {
         ])
         .args(&args.rest);
     shell::run(cargo.env("LANDLINE_XFEAT_CHECKPOINT", weights.checkpoint))
-}
-
-/// Builds the tool `landline` without training, which takes most of its build time, and returns its path. A tool that
-/// `LANDLINE_NATIVE` names is used as it is.
-///
-/// # Errors
-///
-/// When it does not build.
-pub(crate) fn native_tool() -> Result<PathBuf> {
-    if let Some(tool) = std::env::var_os("LANDLINE_NATIVE") {
-        return Ok(paths::root().join(tool));
-    }
-    setup::native_tools()?;
-    let tool = paths::target()
-        .join("debug")
-        .join(format!("landline{}", std::env::consts::EXE_SUFFIX));
-    // The native tests build it too, with training; building it again without would only cost time.
-    if tiers::native::has_run() && tool.is_file() {
-        return Ok(tool);
-    }
-    println!("native  cargo builds landline (without training)");
-    shell::run(shell::cargo().args([
-        "build",
-        "--quiet",
-        "--package",
-        "landline-mapper",
-        "--no-default-features",
-    ]))?;
-    if !tool.is_file() {
-        bail!("cargo left no {}", tool.display());
-    }
-    Ok(tool)
 }

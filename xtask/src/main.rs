@@ -3,6 +3,7 @@
 mod bench;
 mod ci;
 mod demo;
+mod files;
 mod paths;
 mod pins;
 mod serve;

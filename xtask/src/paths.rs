@@ -24,6 +24,16 @@ pub(crate) fn package() -> PathBuf {
     root().join("dist/npm/landline")
 }
 
+/// The demo page as it is served.
+pub(crate) fn site() -> PathBuf {
+    root().join("dist/site")
+}
+
+/// Where the generated glue is; `web/tsconfig.json` names this folder too.
+pub(crate) fn bindgen() -> PathBuf {
+    root().join("target/web/bindgen")
+}
+
 /// Downloads and tools that several checkouts of one user share: `$LANDLINE_CACHE`, else `landline` in the user's
 /// cache folder. Everything in it has its version in its name and was renamed into place when complete.
 pub(crate) fn cache() -> PathBuf {

@@ -1,7 +1,7 @@
 //! `cargo xtask serve`: a static server for the demo page on this machine. It can behave like the hosts that are hard
 //! on a page: a sub-path instead of the root, strict policy headers, cross-origin isolation.
 
-use crate::web;
+use crate::paths;
 use anyhow::{Context as _, Result, bail};
 use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
@@ -71,7 +71,7 @@ impl Server {
     ///
     /// When there is nothing to serve or no port.
     pub(crate) fn bind(args: &Args) -> Result<Self> {
-        let dir = args.dir.clone().unwrap_or_else(web::site_folder);
+        let dir = args.dir.clone().unwrap_or_else(paths::site);
         if !dir.is_dir() {
             bail!(
                 "{} is not there: run `cargo xtask web` first",

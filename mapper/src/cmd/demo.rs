@@ -5,6 +5,7 @@ use crate::scene::KernelArgs;
 use anyhow::{Context as _, Result, bail, ensure};
 use landline::geometry::{CamFromWorld, Camera, CameraModel};
 use landline::image::{FrameView, PixelFormat};
+use landline::math::stats::median_in_place;
 use landline::relocalizer::{Outcome, Query, Relocalizer};
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -247,9 +248,5 @@ fn print_table(rows: &[Row]) {
 
 /// Pictures that were not located count as infinitely wrong.
 fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut sorted: Vec<f64> = values.collect();
-    sorted.sort_by(f64::total_cmp);
-    let n = sorted.len();
-    let at = |i: usize| sorted.get(i).copied().unwrap_or(f64::NAN);
-    0.5 * (at(n / 2) + at(n.max(1).div_ceil(2) - 1))
+    median_in_place(&mut values.collect::<Vec<_>>()).unwrap_or(f64::NAN)
 }

@@ -3,6 +3,8 @@
 use crate::files::write_bytes;
 use crate::picture;
 use anyhow::{Context, Result, bail};
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
 use cpu_time::ThreadTime;
 use image::{ImageFormat, Rgb, RgbImage};
 use landline::geometry::Segment2;
@@ -264,7 +266,7 @@ fn svg(gray: &GrayImage, segments: &[Segment2]) -> Result<Vec<u8>> {
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w}\" height=\"{h}\" viewBox=\"0 0 {w} {h}\">\n\
          <image width=\"{w}\" height=\"{h}\" href=\"data:image/png;base64,{}\"/>\n\
          <g stroke=\"#ff2d55\" stroke-width=\"1.2\" stroke-linecap=\"round\" fill=\"#ffd60a\">\n",
-        base64(&grey_png)
+        BASE64_STANDARD.encode(&grey_png)
     );
     for s in segments {
         writeln!(
@@ -310,41 +312,9 @@ fn png(path: &Path, segments: &[Segment2]) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-fn base64(bytes: &[u8]) -> String {
-    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for three in bytes.chunks(3) {
-        let byte = |i: usize| u32::from(three.get(i).copied().unwrap_or(0));
-        let bits = byte(0) << 16 | byte(1) << 8 | byte(2);
-        for digit in 0..4 {
-            if digit <= three.len() {
-                text.push(char::from(DIGITS[(bits >> (18 - 6 * digit) & 63) as usize]));
-            } else {
-                text.push('=');
-            }
-        }
-    }
-    text
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn base64_of_the_test_vectors_of_rfc_4648() {
-        for (plain, coded) in [
-            ("", ""),
-            ("f", "Zg=="),
-            ("fo", "Zm8="),
-            ("foo", "Zm9v"),
-            ("foob", "Zm9vYg=="),
-            ("fooba", "Zm9vYmE="),
-            ("foobar", "Zm9vYmFy"),
-        ] {
-            assert_eq!(base64(plain.as_bytes()), coded);
-        }
-    }
 
     #[test]
     fn several_pictures_get_a_folder() {

@@ -1,8 +1,9 @@
 //! Furnishing: everything is a box or a sheet in a local basis with x to the right, y up and n towards the viewer.
 
+use super::color::{Rgb, srgb};
 use super::noise::Dice;
 use super::prints::STYLES;
-use super::texture::{Rgb, Texture, srgb};
+use super::texture::Texture;
 use super::trace::Quad;
 use super::{Edge, Room};
 use nalgebra::Vector3;

@@ -1,7 +1,8 @@
 //! Light map: irradiance on every quad from the emitting quads directly and by one bounce.
 
+use super::color::{Rgb, srgb};
 use super::noise::{Dice, hash};
-use super::texture::{Rgb, Texture, srgb};
+use super::texture::Texture;
 use super::trace::{Bvh, Hit, Quad};
 use crate::parallel::map_range;
 use nalgebra::Vector3;

@@ -7,6 +7,7 @@
 //! The same seed gives the same room and the same pictures, whatever the number of threads.
 
 mod build;
+mod color;
 mod light;
 mod noise;
 mod prints;

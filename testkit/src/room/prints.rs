@@ -1,7 +1,7 @@
 //! The pictures on the walls: ten styles, drawn from a seed.
 
+use super::color::{Rgb, blend, shade, srgb};
 use super::noise::{Dice, cell, fbm, hash, smooth, value};
-use super::texture::{Rgb, blend, shade, srgb};
 
 /// Number of styles.
 pub(super) const STYLES: u8 = 10;

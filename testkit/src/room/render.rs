@@ -1,8 +1,8 @@
 //! Ray caster: one ray through every sub-pixel, then exposure, sensor noise and 8 bit.
 
 use super::Room;
+use super::color::Rgb;
 use super::noise::hash;
-use super::texture::Rgb;
 use crate::parallel::map_range;
 use landline::geometry::{CamFromWorld, Camera, Pixel};
 use nalgebra::Vector3;

@@ -5,6 +5,7 @@
 
 mod apt;
 mod browser;
+mod native;
 mod node;
 mod rust;
 mod wasm_bindgen;
@@ -14,6 +15,7 @@ use anyhow::Result;
 use std::time::Instant;
 
 pub(crate) use browser::{Browser, installed_chromium};
+pub(crate) use native::{note_tests, tests_have_run, tool as native_tool};
 pub(crate) use node::{Node, tool as node_tool};
 pub(crate) use wasm_bindgen::WasmBindgen;
 pub(crate) use weights::Weights;

@@ -3,14 +3,6 @@
 use crate::tally::Tally;
 use crate::{setup, shell};
 use anyhow::Result;
-use std::sync::atomic::{AtomicBool, Ordering};
-
-static HAS_RUN: AtomicBool = AtomicBool::new(false);
-
-/// Whether this process has run the native tests, so that what they write down is of the present sources.
-pub(crate) fn has_run() -> bool {
-    HAS_RUN.load(Ordering::Relaxed)
-}
 
 /// Runs them; `require_gpu` turns a GPU test that finds no adapter into a failure.
 pub(crate) fn run(require_gpu: bool) -> Result<Tally> {
@@ -35,6 +27,6 @@ pub(crate) fn run(require_gpu: bool) -> Result<Tally> {
         cargo.env("LANDLINE_REQUIRE_GPU", "1");
     }
     let tally = super::cargo_test(&mut cargo)?;
-    HAS_RUN.store(true, Ordering::Relaxed);
+    setup::note_tests();
     Ok(tally)
 }

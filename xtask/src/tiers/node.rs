@@ -32,7 +32,7 @@ pub(crate) fn run() -> Result<Tally> {
 /// alone, this tier makes it.
 fn native_digest() -> Result<String> {
     let file = paths::target().join("tmp/portable-digest.txt");
-    if !super::native::has_run() {
+    if !setup::tests_have_run() {
         shell::output(shell::cargo().args([
             "test",
             "--package",

@@ -24,7 +24,7 @@ pub(crate) fn run() -> Result<Tally> {
     node.args(["--test", "--test-reporter=tap", "--test-concurrency=1"])
         .args(scripts)
         .env("LANDLINE_TARBALL", tarball)
-        .env("LANDLINE_SITE", web::site_folder())
+        .env("LANDLINE_SITE", paths::site())
         .env("CHROME", browser.chromium);
     let mut reader = TapReader::default();
     let succeeded = shell::stream(&mut node, |line| reader.line(line))?;

@@ -1,6 +1,6 @@
 //! `cargo xtask api`: the public TypeScript declarations against their snapshot.
 
-use super::package::resolve;
+use crate::files::resolve;
 use crate::{paths, pins};
 use anyhow::{Context as _, Result, bail};
 use std::collections::BTreeMap;

@@ -1,6 +1,6 @@
 //! Which instruction sets the shipped binary needs: exactly those that `build.json` declares.
 
-use super::Proposals;
+use super::config::Proposals;
 use anyhow::{Result, bail};
 use wasmparser::{Validator, WasmFeatures};
 

@@ -4,6 +4,7 @@
 
 pub(crate) mod api;
 mod binary;
+mod config;
 mod package;
 mod site;
 pub(crate) mod size;
@@ -11,11 +12,9 @@ mod wasm;
 
 use crate::{paths, setup};
 use anyhow::Result;
-use serde::Deserialize;
-use std::path::PathBuf;
+use config::BuildConfig;
 
 pub(crate) use package::tarball;
-pub(crate) use site::folder as site_folder;
 
 /// Builds the npm package and the demo page.
 #[derive(Debug, clap::Args)]
@@ -33,30 +32,6 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     size::run(&size::Args {})
 }
 
-/// `pkg-config/build.json`.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct BuildConfig {
-    #[serde(rename = "crate")]
-    crate_name: String,
-    profile: String,
-    target: String,
-    rustflags: Vec<String>,
-    out_name: String,
-    wasm_opt: Vec<String>,
-    proposals: Proposals,
-}
-
-/// Names of WebAssembly proposals, as `binary` knows them.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Proposals {
-    /// The binary must use these: a build that lost its flags would still run, only slowly.
-    required: Vec<String>,
-    /// The binary may use these, and nothing else.
-    allowed: Vec<String>,
-}
-
 /// Builds everything; what is up to date is not built again.
 ///
 /// # Errors
@@ -66,14 +41,14 @@ pub(crate) fn build() -> Result<()> {
     let tools = setup::web_tools()?;
     let weights = setup::weights()?;
     let config: BuildConfig = crate::pins::json("pkg-config/build.json")?;
-    let wasm = wasm::build(&config, &tools, &bindgen_dir())?;
+    let wasm = wasm::build(&config, &tools, &paths::bindgen())?;
     binary::check(&std::fs::read(&wasm)?, &config.proposals)?;
     let scripts = package::compile_scripts()?;
     package::assemble(&config, &wasm, &scripts, &weights)?;
     let tarball = package::pack()?;
     site::stage()?;
     println!("web     package: {}", tarball.display());
-    println!("web     demo page: {}", site::folder().display());
+    println!("web     demo page: {}", paths::site().display());
     Ok(())
 }
 
@@ -89,9 +64,4 @@ fn bench() -> Result<()> {
     wasm::build(&config, &tools, &dir)?;
     println!("web     for benches: {}", dir.display());
     Ok(())
-}
-
-/// Where the generated glue is; `web/tsconfig.json` names this folder too.
-pub(crate) fn bindgen_dir() -> PathBuf {
-    paths::root().join("target/web/bindgen")
 }

@@ -1,7 +1,8 @@
 //! The npm package's folder and its tarball.
 
-use super::{BuildConfig, bindgen_dir};
-use crate::setup::{Weights, node_tool};
+use super::config::BuildConfig;
+use crate::files::{copy, copy_tree, files};
+use crate::setup::{Weights, native_tool, node_tool};
 use crate::{paths, pins, shell};
 use anyhow::{Context as _, Result, bail};
 use std::fs;
@@ -38,7 +39,7 @@ pub(super) fn assemble(
     copy_tree(scripts, &scratch)?;
     let out_name = &config.out_name;
     for name in [format!("{out_name}.js"), format!("{out_name}.d.ts")] {
-        copy(&bindgen_dir().join(&name), &scratch.join(&name))?;
+        copy(&paths::bindgen().join(&name), &scratch.join(&name))?;
     }
     copy(wasm, &scratch.join(format!("{out_name}_bg.wasm")))?;
     for name in ["LICENSE-MIT", "LICENSE-APACHE"] {
@@ -62,7 +63,7 @@ pub(super) fn assemble(
 /// Has the native tool convert the checkpoint.
 fn convert_weights(weights: &Weights, to: &Path) -> Result<()> {
     println!("web     extractor weights");
-    let tool = crate::demo::native_tool()?;
+    let tool = native_tool()?;
     let mut convert = shell::command(tool);
     convert
         .args(["convert", "--extractor", "xfeat"])
@@ -126,66 +127,9 @@ fn manifest(template: &str, version: &str, files: &[String]) -> Result<String> {
     Ok(filled)
 }
 
-/// All files below `dir`, with forward slashes, sorted.
-pub(super) fn files(dir: &Path) -> Result<Vec<String>> {
-    let mut names = Vec::new();
-    let mut folders = vec![dir.to_path_buf()];
-    while let Some(folder) = folders.pop() {
-        for entry in
-            fs::read_dir(&folder).with_context(|| format!("cannot list {}", folder.display()))?
-        {
-            let path = entry?.path();
-            if path.is_dir() {
-                folders.push(path);
-            } else if let Ok(name) = path.strip_prefix(dir) {
-                names.push(name.to_string_lossy().replace('\\', "/"));
-            }
-        }
-    }
-    names.sort();
-    Ok(names)
-}
-
-/// The path that `./x` or `../x` means in a file of `folder`, both inside the package.
-pub(super) fn resolve(folder: &str, import: &str) -> String {
-    let mut parts: Vec<&str> = folder.split('/').filter(|part| !part.is_empty()).collect();
-    for part in import.split('/') {
-        match part {
-            "." => {}
-            ".." => {
-                parts.pop();
-            }
-            name => parts.push(name),
-        }
-    }
-    parts.join("/")
-}
-
-pub(super) fn copy(from: &Path, to: &Path) -> Result<()> {
-    if let Some(parent) = to.parent() {
-        fs::create_dir_all(parent)?;
-    }
-    fs::copy(from, to)
-        .with_context(|| format!("cannot copy {} to {}", from.display(), to.display()))
-        .map(drop)
-}
-
-pub(super) fn copy_tree(from: &Path, to: &Path) -> Result<()> {
-    for name in files(from)? {
-        copy(&from.join(&name), &to.join(&name))?;
-    }
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
-    use super::{manifest, resolve};
-
-    #[test]
-    fn resolves_imports_against_their_folder() {
-        assert_eq!(resolve("adapters", "../types.js"), "types.js");
-        assert_eq!(resolve("", "./types.js"), "types.js");
-    }
+    use super::manifest;
 
     #[test]
     fn fills_the_template() {

@@ -1,16 +1,13 @@
 //! The demo page as it is served: `www/`, the built package and three.js, in `dist/site`.
 
-use super::package::{copy, copy_tree, files, resolve};
+use crate::files::{copy, copy_tree, files, resolve};
 use crate::paths;
 use anyhow::{Context as _, Result, bail};
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
 use sha2::{Digest as _, Sha256};
 use std::fs;
-use std::path::{Path, PathBuf};
-
-/// The staged page.
-pub(crate) fn folder() -> PathBuf {
-    paths::root().join("dist/site")
-}
+use std::path::Path;
 
 /// Copies everything into place, in one rename.
 pub(super) fn stage() -> Result<()> {
@@ -19,7 +16,7 @@ pub(super) fn stage() -> Result<()> {
         bail!("www/index.html is missing");
     }
     println!("web     demo page");
-    let finished = folder();
+    let finished = paths::site();
     let scratch = finished.with_file_name(".site.tmp");
     if scratch.exists() {
         fs::remove_dir_all(&scratch)?;
@@ -95,7 +92,10 @@ fn with_import_map_hash(html: &str) -> Result<String> {
     }
     Ok(html.replace(
         PLACEHOLDER,
-        &format!("sha256-{}", base64(&Sha256::digest(map.as_bytes()))),
+        &format!(
+            "sha256-{}",
+            BASE64_STANDARD.encode(Sha256::digest(map.as_bytes()))
+        ),
     ))
 }
 
@@ -104,7 +104,7 @@ fn list_files(dir: &Path) -> Result<()> {
     let mut list = serde_json::Map::new();
     for name in files(dir)? {
         let hash = Sha256::digest(fs::read(dir.join(&name))?);
-        list.insert(name, base64(&hash[..12]).into());
+        list.insert(name, BASE64_STANDARD.encode(&hash[..12]).into());
     }
     paths::write(
         &dir.join("files.json"),
@@ -112,43 +112,9 @@ fn list_files(dir: &Path) -> Result<()> {
     )
 }
 
-fn base64(bytes: &[u8]) -> String {
-    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut text = String::new();
-    for chunk in bytes.chunks(3) {
-        let word = chunk
-            .iter()
-            .fold(0_u32, |word, byte| word << 8 | u32::from(*byte))
-            << (8 * (3 - chunk.len()));
-        for digit in 0..4 {
-            let c = if digit <= chunk.len() {
-                DIGITS[(word >> (18 - 6 * digit) & 63) as usize]
-            } else {
-                b'='
-            };
-            text.push(char::from(c));
-        }
-    }
-    text
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn encodes_base64_with_padding() {
-        // The vectors of RFC 4648, section 10.
-        for (bytes, text) in [
-            ("", ""),
-            ("f", "Zg=="),
-            ("fo", "Zm8="),
-            ("foo", "Zm9v"),
-            ("foobar", "Zm9vYmFy"),
-        ] {
-            assert_eq!(base64(bytes.as_bytes()), text);
-        }
-    }
 
     #[test]
     fn fills_the_import_map_hash() {

@@ -1,6 +1,6 @@
 //! `cargo xtask size`: what a browser has to load, raw and compressed, against the budget.
 
-use super::package;
+use crate::files::files;
 use crate::{paths, pins, shell};
 use anyhow::{Context as _, Result, bail};
 use serde::Deserialize;
@@ -33,7 +33,7 @@ pub(crate) fn run(_args: &Args) -> Result<()> {
     if !paths::package().join("package.json").is_file() {
         bail!("the package is not built: run `cargo xtask web` first");
     }
-    let sizes = measure(&package::files(&paths::package())?)?;
+    let sizes = measure(&files(&paths::package())?)?;
     println!(
         "{:<20} {:>10} {:>10} {:>10} {:>10}",
         "bytes", "raw", "gzip", "brotli", "budget"

@@ -1,6 +1,6 @@
 //! The wasm binary: cargo, wasm-bindgen, wasm-opt.
 
-use super::BuildConfig;
+use super::config::BuildConfig;
 use crate::setup::{WebTools, node_tool};
 use crate::{paths, shell};
 use anyhow::{Context as _, Result, bail};

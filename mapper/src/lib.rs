@@ -17,6 +17,8 @@ pub mod picture;
 mod plot;
 pub mod progress;
 pub mod scene;
+pub mod timestamp;
 #[cfg(feature = "train")]
 pub mod train;
+pub mod units;
 pub mod weights;

@@ -5,11 +5,11 @@ use crate::features::FeatureSet;
 use crate::pose::{LineCorrespondence, PointCorrespondence};
 use crate::regress::Predictions;
 
-/// Fills the solver's lists; pixels are those of the working image.
+/// Fills the solver's lists; pixels are those of the features.
 ///
 /// Only the most confident predictions are passed on, up to a number: a fixed threshold leaves too few on viewpoints that
 /// were not taught, and all of them would make the solver slow. The order of the features is kept.
-pub(super) fn from_predictions(
+pub fn correspondences(
     features: &FeatureSet,
     predictions: &Predictions,
     options: &LiveOptions,

@@ -32,7 +32,7 @@ mod start;
 mod steps;
 mod timings;
 
-pub use correspond::most_confident;
+pub use correspond::{correspondences, most_confident};
 #[cfg(feature = "webgpu")]
 pub use device::Device;
 pub use error::{CreateError, LocateError};

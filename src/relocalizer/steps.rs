@@ -2,7 +2,7 @@
 
 use super::Relocalizer;
 use super::accept::accept;
-use super::correspond;
+use super::correspond::correspondences;
 use super::error::LocateError;
 use super::last_frame::{count, mark};
 use super::options::Query;
@@ -256,7 +256,7 @@ impl Relocalizer {
     /// Fills the solver's lists from features and predictions.
     fn correspond(&mut self) -> Counts {
         let features = self.front_end.features();
-        correspond::from_predictions(
+        correspondences(
             features,
             &self.predictions,
             &self.options.live,

@@ -1,7 +1,8 @@
 //! Metadata of a scene file.
 
-use super::{KIND_KEY, SceneFileError, TensorFile};
+use super::{KIND_KEY, SceneFileError, TensorFile, Timestamp};
 use crate::geometry::{Camera, CameraRecord, SceneScale};
+use crate::math::stats::median_in_place;
 use crate::models::{ExtractorKind, Preset, RegressorConfig, Sampler};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -10,26 +11,97 @@ use std::collections::BTreeMap;
 /// Unit of world lengths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Units {
-    /// Metres.
-    #[default]
+    /// Metres: the data set's format defines them, or the user said so.
     Metres,
     /// Unknown, as in a reconstruction without a known distance.
+    #[default]
     Arbitrary,
 }
 
+impl Units {
+    /// The word in files and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Metres => "m",
+            Self::Arbitrary => "arbitrary",
+        }
+    }
+
+    /// The unit of that [name](Self::name).
+    pub fn from_name(name: &str) -> Option<Self> {
+        [Self::Metres, Self::Arbitrary]
+            .into_iter()
+            .find(|units| units.name() == name)
+    }
+
+    /// What stands behind a length for people.
+    pub fn symbol(self) -> &'static str {
+        match self {
+            Self::Metres => "m",
+            Self::Arbitrary => "units",
+        }
+    }
+}
+
 /// Accuracy on pictures that were not trained on.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct HeldOut {
     /// Pictures evaluated.
     pub num_images: u64,
     /// Pictures without a pose.
     pub num_not_located: u64,
-    /// Median distance of camera positions, world units.
-    pub median_position: f64,
-    /// Median angle in degrees.
-    pub median_rotation_deg: f64,
-    /// Share within 5 cm and 5 degrees, 0..1; 0 where units are arbitrary.
-    pub recall_5cm_5deg: f64,
+    /// Median distance of camera positions, world units; none where so many pictures have no pose that it is not finite.
+    pub median_position: Option<f64>,
+    /// Median angle in degrees; none as above.
+    pub median_rotation_deg: Option<f64>,
+    /// Share within 5 cm and 5 degrees, 0..1; none where units are arbitrary.
+    pub recall_5cm_5deg: Option<f64>,
+}
+
+impl HeldOut {
+    /// Of each picture's distance of positions (world units) and angle (degrees); `None` is a picture without a pose, which
+    /// counts as infinitely far.
+    pub fn of(errors: &[Option<(f64, f64)>], units: Units) -> Self {
+        let median = |part: fn((f64, f64)) -> f64| {
+            let mut values: Vec<f64> = errors
+                .iter()
+                .map(|e| e.map_or(f64::INFINITY, part))
+                .collect();
+            median_in_place(&mut values).filter(|v| v.is_finite())
+        };
+        let located = errors.iter().flatten();
+        let num_located = located.clone().count();
+        let num_within = located.filter(|(m, deg)| *m < 0.05 && *deg < 5.0).count();
+        let count = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+        Self {
+            num_images: u64::from(count(errors.len())),
+            num_not_located: u64::from(count(errors.len() - num_located)),
+            median_position: median(|e| e.0),
+            median_rotation_deg: median(|e| e.1),
+            recall_5cm_5deg: (units == Units::Metres && !errors.is_empty())
+                .then(|| f64::from(count(num_within)) / f64::from(count(errors.len()))),
+        }
+    }
+
+    fn check(&self) -> Result<(), String> {
+        if self.num_not_located > self.num_images {
+            return Err(format!(
+                "held_out: {} of {} pictures not located",
+                self.num_not_located, self.num_images
+            ));
+        }
+        let limits = [
+            ("median_position", self.median_position, 1e12),
+            ("median_rotation_deg", self.median_rotation_deg, 180.0),
+            ("recall_5cm_5deg", self.recall_5cm_5deg, 1.0),
+        ];
+        for (name, value, most) in limits {
+            if value.is_some_and(|v| !(0.0..=most).contains(&v)) {
+                return Err(format!("held_out.{name} must be 0 to {most}"));
+            }
+        }
+        Ok(())
+    }
 }
 
 /// How the scene was taught.
@@ -42,7 +114,7 @@ pub struct TrainingSummary {
     pub num_steps: u64,
     /// Wall time in seconds.
     pub seconds: f64,
-    /// Accuracy on held-out pictures, if it was measured.
+    /// Accuracy on held-out pictures, if it was measured; by training that of the networks, without landmarks.
     pub held_out: Option<HeldOut>,
     /// Where pictures and poses came from.
     pub source: String,
@@ -75,8 +147,8 @@ pub struct SceneInfo {
     pub training: Option<TrainingSummary>,
     /// Licence of the map, as text.
     pub licence: String,
-    /// Creation date, ISO 8601.
-    pub created: String,
+    /// When it was made; files of the first tool versions do not say.
+    pub created: Option<Timestamp>,
 }
 
 impl SceneInfo {
@@ -95,7 +167,16 @@ impl SceneInfo {
             camera: None,
             training: None,
             licence: String::new(),
-            created: String::new(),
+            created: None,
+        }
+    }
+
+    /// World units that stand for one metre in thresholds of movement: 1 for metric scenes. Where units are arbitrary, the
+    /// half of what one network unit is: in taught rooms landmarks lie some two metres from their centre in the median.
+    pub fn nominal_metre(&self) -> f64 {
+        match self.units {
+            Units::Metres => 1.0,
+            Units::Arbitrary => 0.5 * self.scale.scale,
         }
     }
 
@@ -119,14 +200,7 @@ impl SceneInfo {
         put("line_halfpixel", self.line_halfpixel.to_string());
         put("scene_centre", vector_text(&self.scale.centre));
         put("scene_scale", self.scale.scale.to_string());
-        put(
-            "units",
-            match self.units {
-                Units::Metres => "m",
-                Units::Arbitrary => "arbitrary",
-            }
-            .to_owned(),
-        );
+        put("units", self.units.name().to_owned());
         if let Some(gravity) = &self.gravity {
             put("gravity", vector_text(gravity));
         }
@@ -139,7 +213,11 @@ impl SceneInfo {
             put("training", text("training", training)?);
         }
         put("licence", self.licence.clone());
-        put("created", self.created.clone());
+        let created = self.created.as_ref();
+        put(
+            "created",
+            created.map_or_else(String::new, |t| t.to_string()),
+        );
         Ok(out)
     }
 
@@ -169,17 +247,9 @@ impl SceneInfo {
                 "must be positive",
             ));
         }
-        let units = match file.text("units")? {
-            "m" => Units::Metres,
-            "arbitrary" => Units::Arbitrary,
-            other => {
-                return Err(SceneFileError::value(
-                    "units",
-                    other,
-                    "expected `m` or `arbitrary`",
-                ));
-            }
-        };
+        let units = parse(file, "units", |t| {
+            Units::from_name(t).ok_or_else(|| "expected `m` or `arbitrary`".to_owned())
+        })?;
         let gravity = match file.metadata().get("gravity") {
             None => None,
             Some(text) => {
@@ -215,9 +285,17 @@ impl SceneInfo {
         let training = match file.metadata().get("training") {
             None => None,
             Some(_) => Some(parse(file, "training", |t| {
-                serde_json::from_str(t).map_err(|e| e.to_string())
+                let summary: TrainingSummary =
+                    serde_json::from_str(t).map_err(|e| e.to_string())?;
+                summary.held_out.map_or(Ok(()), |h| h.check())?;
+                Ok(summary)
             })?),
         };
+        // The key is required; the first tool versions wrote it without a value.
+        let created = parse(file, "created", |t| match t {
+            "" => Ok(None),
+            _ => Timestamp::parse(t).map(Some).map_err(|e| e.to_string()),
+        })?;
         let preset = match file.metadata().get("preset") {
             None => None,
             Some(name) => Preset::ALL.into_iter().find(|p| p.name() == name),
@@ -235,7 +313,7 @@ impl SceneInfo {
             camera,
             training,
             licence: file.metadata().get("licence").cloned().unwrap_or_default(),
-            created: file.metadata().get("created").cloned().unwrap_or_default(),
+            created,
         })
     }
 }

@@ -20,12 +20,14 @@ mod info;
 mod landmarks;
 mod scene;
 mod tensor_file;
+mod timestamp;
 
 pub use error::SceneFileError;
 pub use extractor_file::ExtractorFile;
 pub use info::{HeldOut, SceneInfo, TrainingSummary, Units};
 pub use scene::{Precision, SceneFile};
 pub use tensor_file::{Element, MAX_FILE_BYTES, MAX_HEADER_BYTES, TensorFile, serialize};
+pub use timestamp::{Timestamp, TimestampError};
 
 /// Version of extractor files, and of scene files without landmarks.
 pub const FORMAT_VERSION: u32 = 1;

@@ -1,7 +1,7 @@
 //! Scene files: a regressor's weights with everything needed to use them.
 
 use super::info::check_sha256;
-use super::tensor_file::serialize_with;
+use super::tensor_file::{RawTensor, replace_metadata, serialize_with};
 use super::{
     Element, ExtractorFile, FORMAT_VERSION, LANDMARK_VERSION, SceneFileError, SceneInfo,
     TensorFile, check_kind, landmarks,
@@ -10,6 +10,7 @@ use crate::geometry::SceneScale;
 use crate::landmarks::LandmarkTable;
 use crate::models::{RegressorConfig, Variant};
 use crate::nn::Weights;
+use std::collections::BTreeMap;
 
 /// How weights are stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -81,16 +82,7 @@ impl SceneFile {
         self.config.check_weights(&self.weights)?;
         check_descriptor_size(&self.info, &self.config)?;
         check_sha256("extractor_sha256", &self.info.extractor_sha256)?;
-        let version = self
-            .landmarks
-            .as_ref()
-            .map_or(FORMAT_VERSION, |_| LANDMARK_VERSION);
-        let mut metadata = self.info.to_metadata(&self.config, version)?;
-        let mut raw = Vec::new();
-        if let Some(table) = &self.landmarks {
-            table.check(self.config.descriptor_channels())?;
-            raw = landmarks::to_raw(table, &mut metadata);
-        }
+        let (metadata, raw) = self.metadata()?;
         let anchored = self.config.variant() == Variant::Anchored;
         let world_heads = self.world_heads();
         let element_of = |name: &str, shape: &[usize]| match precision {
@@ -110,6 +102,43 @@ impl SceneFile {
             },
         };
         serialize_with(&metadata, &self.weights, raw, element_of)
+    }
+
+    /// The bytes of a scene file with other metadata. Its tensors stay as they are to the last bit, and keys that this version
+    /// does not know stay too. Of what `change` does to the scene, metadata and the landmarks' grid go into the file.
+    ///
+    /// # Errors
+    /// [`SceneFileError`] when the bytes are no scene file of this version, or would not be with these metadata.
+    pub fn redescribed(
+        bytes: &[u8],
+        change: impl FnOnce(&mut Self),
+    ) -> Result<Vec<u8>, SceneFileError> {
+        let mut scene = Self::from_bytes(bytes)?;
+        let (before, _) = scene.metadata()?;
+        change(&mut scene);
+        let (after, _) = scene.metadata()?;
+        let bytes = replace_metadata(bytes, |metadata| {
+            metadata.retain(|key, _| after.contains_key(key) || !before.contains_key(key));
+            metadata.extend(after);
+        })?;
+        // What the new metadata say has to be readable.
+        Self::from_bytes(&bytes)?;
+        Ok(bytes)
+    }
+
+    /// The header's entries, and the landmarks' tensors.
+    fn metadata(&self) -> Result<(BTreeMap<String, String>, Vec<RawTensor>), SceneFileError> {
+        let version = self
+            .landmarks
+            .as_ref()
+            .map_or(FORMAT_VERSION, |_| LANDMARK_VERSION);
+        let mut metadata = self.info.to_metadata(&self.config, version)?;
+        let mut raw = Vec::new();
+        if let Some(table) = &self.landmarks {
+            table.check(self.config.descriptor_channels())?;
+            raw = landmarks::to_raw(table, &mut metadata);
+        }
+        Ok((metadata, raw))
     }
 
     /// Last head layers of a network that predicts raw world coordinates: stored in f32, because an f16 bias far from the
@@ -173,7 +202,7 @@ fn check_descriptor_size(info: &SceneInfo, config: &RegressorConfig) -> Result<(
 
 #[cfg(test)]
 mod tests {
-    use super::super::{HeldOut, TrainingSummary, serialize};
+    use super::super::{HeldOut, Timestamp, TrainingSummary, Units, serialize};
     use super::*;
     use crate::geometry::{Camera, CameraModel};
     use crate::landmarks::LandmarkError;
@@ -220,14 +249,15 @@ mod tests {
             held_out: Some(HeldOut {
                 num_images: 3,
                 num_not_located: 0,
-                median_position: 0.01,
-                median_rotation_deg: 0.3,
-                recall_5cm_5deg: 1.0,
+                median_position: Some(0.01),
+                median_rotation_deg: Some(0.3),
+                recall_5cm_5deg: Some(1.0),
             }),
             ..TrainingSummary::default()
         });
         info.licence = "CC0".to_owned();
-        info.created = "2026-01-01".to_owned();
+        info.units = Units::Metres;
+        info.created = Timestamp::parse("2026-01-01").ok();
         SceneFile {
             info,
             config,
@@ -432,10 +462,15 @@ mod tests {
             ("sampler", "legacy"),
             ("scene_scale", "0"),
             ("scene_scale", "NaN"),
+            ("scene_scale", "1e300"),
+            ("scene_scale", "-1"),
             ("scene_centre", "[1,2]"),
             ("scene_centre", "[1,2,1e300]"),
             ("gravity", "[0,0,2]"),
+            ("gravity", "[0,0,0]"),
             ("units", "feet"),
+            ("units", "metres"),
+            ("created", "today"),
             (
                 "camera",
                 "{\"model\":\"PINHOLE\",\"width\":0,\"height\":0,\"params\":[1,1,1,1]}",
@@ -444,12 +479,21 @@ mod tests {
             ("config", "{}"),
             ("working_max_side", "1e9"),
             ("training", "5"),
+            (
+                "training",
+                "{\"held_out\":{\"num_images\":1,\"num_not_located\":2}}",
+            ),
+            (
+                "training",
+                "{\"held_out\":{\"num_images\":2,\"num_not_located\":0,\"recall_5cm_5deg\":50}}",
+            ),
         ] {
             let error = change(key, value);
             assert!(
-                matches!(error, SceneFileError::Value { .. }),
+                matches!(error, SceneFileError::Value { key: k, .. } if k == key),
                 "{key}: {error}"
             );
+            assert!(error.to_string().contains(key), "{error}");
         }
         let huge = serde_json::json!(good.config)
             .to_string()
@@ -466,6 +510,92 @@ mod tests {
             good.check_extractor(&other),
             Err(SceneFileError::WrongExtractor { .. })
         ));
+    }
+
+    #[test]
+    fn a_file_has_to_say_when_it_was_made_or_that_it_does_not_know() {
+        let good = scene(Preset::Compact);
+        let with = |created: Option<&str>| {
+            let mut metadata = good
+                .info
+                .to_metadata(&good.config, FORMAT_VERSION)
+                .expect("plain data");
+            metadata.remove("created");
+            metadata.extend(created.map(|t| ("created".to_owned(), t.to_owned())));
+            let bytes = serialize(&metadata, &good.weights, |_, _| Element::F32).expect("writes");
+            SceneFile::from_bytes(&bytes).map(|scene| scene.info.created)
+        };
+        assert_eq!(
+            with(None),
+            Err(SceneFileError::MissingKey { key: "created" })
+        );
+        // As the first tool versions wrote it.
+        assert_eq!(with(Some("")), Ok(None));
+        let noon = Timestamp::parse("2026-02-03T12:00:00Z").expect("a moment");
+        assert_eq!(with(Some("2026-02-03T12:00:00Z")), Ok(Some(noon)));
+    }
+
+    #[test]
+    fn metadata_are_replaced_without_touching_a_tensor() {
+        let scene = scene(Preset::Compact);
+        let mut metadata = scene
+            .info
+            .to_metadata(&scene.config, FORMAT_VERSION)
+            .expect("plain data");
+        metadata.insert("of_a_later_version".to_owned(), "kept".to_owned());
+        let bytes = serialize(&metadata, &scene.weights, |_, _| Element::F16).expect("writes");
+        let changed = SceneFile::redescribed(&bytes, |scene| {
+            let info = &mut scene.info;
+            info.units = Units::Arbitrary;
+            info.gravity = None;
+            info.licence = "a much longer licence than before".repeat(20);
+        })
+        .expect("a scene");
+        let blobs = |bytes: &[u8]| {
+            let len = u64::from_le_bytes(*bytes.first_chunk().expect("long"));
+            bytes[8 + usize::try_from(len).expect("small")..].to_vec()
+        };
+        assert_eq!(blobs(&changed), blobs(&bytes));
+        let read = SceneFile::from_bytes(&changed).expect("a scene");
+        assert_eq!(
+            (read.info.units, read.info.gravity),
+            (Units::Arbitrary, None)
+        );
+        assert_eq!(read.info.scale, scene.info.scale);
+        let file = TensorFile::parse(&changed).expect("a file");
+        assert_eq!(file.text("of_a_later_version"), Ok("kept"));
+        assert_eq!(file.metadata().get("gravity"), None);
+        // What cannot be read is not written.
+        let zero = SceneFile::redescribed(&bytes, |scene| scene.info.scale.scale = 0.0);
+        assert!(matches!(
+            zero,
+            Err(SceneFileError::Value {
+                key: "scene_scale",
+                ..
+            })
+        ));
+        let same = SceneFile::redescribed(&bytes, |_| ()).expect("a scene");
+        assert_eq!(same, bytes);
+    }
+
+    #[test]
+    fn held_out_accuracy_counts_failures_and_knows_its_unit() {
+        let errors = [Some((0.01, 1.0)), Some((0.04, 6.0)), None];
+        let metric = HeldOut::of(&errors, Units::Metres);
+        assert_eq!((metric.num_images, metric.num_not_located), (3, 1));
+        assert_eq!(metric.median_position, Some(0.04));
+        assert_eq!(metric.median_rotation_deg, Some(6.0));
+        assert_eq!(metric.recall_5cm_5deg, Some(1.0 / 3.0));
+        assert_eq!(HeldOut::of(&errors, Units::Arbitrary).recall_5cm_5deg, None);
+        let lost = HeldOut::of(&[None, None, Some((0.0, 0.0))], Units::Metres);
+        assert_eq!(lost.median_position, None);
+        // What a file holds comes back, a missing median too.
+        for held_out in [metric, lost] {
+            let mut scene = scene(Preset::Compact);
+            scene.info.training.get_or_insert_default().held_out = Some(held_out);
+            let bytes = scene.to_bytes(Precision::F32).expect("writes");
+            assert_eq!(SceneFile::from_bytes(&bytes), Ok(scene));
+        }
     }
 
     #[test]

@@ -369,6 +369,18 @@ pub(super) fn serialize_with(
         );
         offset = end;
     }
+    let mut out = header_bytes(header)?;
+    out.reserve_exact(offset);
+    for (_, blob) in &blobs {
+        out.extend_from_slice(&blob.bytes);
+    }
+    Ok(out)
+}
+
+/// The length of a header and the header, filled up to a multiple of eight bytes.
+fn header_bytes(
+    header: serde_json::Map<String, serde_json::Value>,
+) -> Result<Vec<u8>, SceneFileError> {
     let mut text = serde_json::Value::Object(header).to_string().into_bytes();
     text.resize(text.len().next_multiple_of(8), b' ');
     let header_len = u64::try_from(text.len()).unwrap_or(u64::MAX);
@@ -378,12 +390,32 @@ pub(super) fn serialize_with(
             limit: MAX_HEADER_BYTES,
         });
     }
-    let mut out = Vec::with_capacity(8 + text.len() + offset);
-    out.extend_from_slice(&header_len.to_le_bytes());
+    let mut out = header_len.to_le_bytes().to_vec();
     out.extend_from_slice(&text);
-    for (_, blob) in &blobs {
-        out.extend_from_slice(&blob.bytes);
-    }
+    Ok(out)
+}
+
+/// A file with other metadata: the header is written anew, every tensor stays where it is.
+///
+/// # Errors
+/// As [`TensorFile::parse`].
+pub(super) fn replace_metadata(
+    bytes: &[u8],
+    change: impl FnOnce(&mut BTreeMap<String, String>),
+) -> Result<Vec<u8>, SceneFileError> {
+    let mut metadata = TensorFile::parse(bytes)?.metadata;
+    change(&mut metadata);
+    let damaged = |reason: String| SceneFileError::Header { reason };
+    let (header_len, _) = SafeTensors::read_metadata(bytes).map_err(|e| damaged(e.to_string()))?;
+    let (header, tensors) = bytes
+        .get(8..)
+        .and_then(|rest| rest.split_at_checked(header_len))
+        .ok_or_else(|| damaged("its length is not that of the file".to_owned()))?;
+    let mut header: serde_json::Map<String, serde_json::Value> =
+        serde_json::from_slice(header).map_err(|e| damaged(e.to_string()))?;
+    header.insert("__metadata__".to_owned(), serde_json::json!(metadata));
+    let mut out = header_bytes(header)?;
+    out.extend_from_slice(tensors);
     Ok(out)
 }
 

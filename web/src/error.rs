@@ -15,7 +15,7 @@ pub(crate) enum Code {
     SceneExtractor,
     ExtractorCorrupt,
     BadInput,
-    Panicked,
+    EngineDefect,
 }
 
 impl Code {
@@ -26,7 +26,7 @@ impl Code {
             Self::SceneExtractor => "scene-extractor",
             Self::ExtractorCorrupt => "extractor-corrupt",
             Self::BadInput => "bad-input",
-            Self::Panicked => "panicked",
+            Self::EngineDefect => "engine-defect",
         }
     }
 }
@@ -57,7 +57,7 @@ pub(crate) fn from_session(error: &SessionError) -> JsValue {
         SessionError::Locate(
             LocateError::FrontEnd(FrontEndError::Extractor(_) | FrontEndError::Segments(_))
             | LocateError::Regress(_),
-        ) => Code::Panicked,
+        ) => Code::EngineDefect,
         _ => Code::BadInput,
     };
     js_error(code, &error.to_string())

@@ -383,7 +383,7 @@ impl RawRelocalizer {
     }
 }
 
-/// The `SceneInfo` of `web/ts/types.ts`.
+/// The `SceneInfo` of `web/ts/types.ts`, of a scene file and its bytes.
 fn scene_card(scene: &SceneFile, bytes: &[u8]) -> Result<String, JsValue> {
     let file = TensorFile::parse(bytes).map_err(|e| from_create(&CreateError::Scene(e)))?;
     let info = &scene.info;
@@ -397,19 +397,46 @@ fn scene_card(scene: &SceneFile, bytes: &[u8]) -> Result<String, JsValue> {
     let up = info
         .gravity
         .map(|g| serde_json::json!({ "x": -g.x, "y": -g.y, "z": -g.z }));
+    let held_out = info.training.as_ref().and_then(|t| t.held_out).map(|h| {
+        let mut json =
+            serde_json::json!({ "pictures": h.num_images, "notLocated": h.num_not_located });
+        let known = [
+            ("medianPosition", h.median_position),
+            ("medianRotationDeg", h.median_rotation_deg),
+            ("recall5cm5deg", h.recall_5cm_5deg),
+        ];
+        add(
+            &mut json,
+            known.map(|(key, value)| (key, value.map(Into::into))),
+        );
+        json
+    });
     let mut json = serde_json::json!({
         "variant": scene.config.variant().name(),
         "preset": info.preset.map_or("custom", |p| p.name()),
         "extractor": info.extractor.name(),
         "units": match info.units { Units::Metres => "metres", Units::Arbitrary => "scene-units" },
         "licence": info.licence,
-        "created": info.created,
+        "created": info.created.as_ref().map_or_else(String::new, ToString::to_string),
         "bytes": bytes.len(),
         "metadata": file.metadata(),
     });
-    if let Some(map) = json.as_object_mut() {
-        map.extend(camera.map(|c| ("camera".to_owned(), c)));
-        map.extend(up.map(|u| ("up".to_owned(), u)));
-    }
+    add(
+        &mut json,
+        [("camera", camera), ("up", up), ("heldOut", held_out)],
+    );
     Ok(json.to_string())
+}
+
+/// Adds what is there to a JSON object.
+fn add<const N: usize>(
+    json: &mut serde_json::Value,
+    fields: [(&str, Option<serde_json::Value>); N],
+) {
+    if let Some(map) = json.as_object_mut() {
+        let known = fields
+            .into_iter()
+            .filter_map(|(key, v)| Some((key.to_owned(), v?)));
+        map.extend(known);
+    }
 }

@@ -1,23 +1,27 @@
 //! `landline convert`: a foreign checkpoint becomes an extractor file or a scene file; a file of ours is stored anew.
 
+use crate::dataset::{UnitsArg, check_scale, gravity_from_up, parse_vector};
 use crate::files::write_bytes;
 use crate::import::{ImportOptions, Imported, import};
+use crate::timestamp::now;
 use crate::weights::load_extractor;
 use anyhow::{Context as _, Result, bail, ensure};
 use clap::ValueEnum;
 use landline::models::{ExtractorKind, RegressorConfig, Sampler};
 use landline::nn::Weights;
 use landline::scene_file::{
-    ExtractorFile, Precision, SceneFile, SceneFileError, SceneInfo, TrainingSummary,
+    ExtractorFile, Precision, SceneFile, SceneFileError, SceneInfo, Timestamp, TrainingSummary,
+    Units,
 };
 use std::path::PathBuf;
 
 /// Convert a checkpoint (XFeat, SuperPoint, PL2Map, the paper's network) to Landline's format, or a Landline file to another
-/// precision.
+/// precision or another description.
 ///
 /// Reads PyTorch files (.pt, .pth, .pth.tar) without executing anything in them, and safetensors. An extractor becomes an
 /// extractor file; a regressor becomes a scene file and needs `--trained-with`, the extractor of its training. Of a scene or
-/// extractor file only the storage of its weights changes.
+/// extractor file only what is asked for changes: the storage of its weights (`--precision`), what is said about its world
+/// (`--units`, `--scale`, `--up`), source and licence.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The checkpoint, or a Landline file.
@@ -27,9 +31,9 @@ pub struct Args {
     /// Refuse the checkpoint unless it holds this extractor: xfeat, superpoint-v1 or superpoint-open.
     #[arg(long, value_name = "NAME")]
     extractor: Option<String>,
-    /// How weights are stored.
-    #[arg(long, alias = "weights", value_enum, default_value_t = PrecisionArg::F16)]
-    precision: PrecisionArg,
+    /// How weights are stored; without it a scene file of ours keeps them as they are, anything else has 16 bits.
+    #[arg(long, alias = "weights", value_enum)]
+    precision: Option<PrecisionArg>,
     /// Refuse the checkpoint unless it has this SHA-256.
     #[arg(long)]
     sha256: Option<String>,
@@ -45,6 +49,23 @@ pub struct Args {
     /// Regressors: confidence threshold of lines instead of the published one.
     #[arg(long)]
     min_line_confidence: Option<f32>,
+    /// Scenes: what one unit of length of the world is.
+    #[arg(long, value_enum)]
+    units: Option<UnitsArg>,
+    /// Scenes: metres for one unit of length of the world, which is multiplied by it and in metres then.
+    #[arg(
+        long,
+        value_name = "F",
+        conflicts_with = "units",
+        allow_hyphen_values = true
+    )]
+    scale: Option<f64>,
+    /// Scenes: which way is up in the world.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_vector)]
+    up: Option<[f64; 3]>,
+    /// Scenes: when it was made, in UTC as ISO 8601, for files that do not say.
+    #[arg(long, value_name = "YYYY-MM-DD[Thh:mm:ssZ]", value_parser = parse_timestamp)]
+    created: Option<Timestamp>,
     /// Where the checkpoint came from; goes into the file.
     #[arg(long)]
     source: Option<String>,
@@ -88,22 +109,35 @@ impl Content {
         }
     }
 
-    /// Notes where the weights came from and under which licence they are.
-    fn describe(&mut self, source: Option<String>, licence: Option<String>) {
+    /// Notes what the command line says: where the weights came from, under which licence they are, what the world is.
+    fn describe(&mut self, args: &Args) -> Result<()> {
+        let (source, licence) = (args.source.clone(), args.licence.clone());
         match self {
             Self::Extractor(file) => {
+                ensure!(
+                    args.units.is_none()
+                        && args.scale.is_none()
+                        && args.up.is_none()
+                        && args.created.is_none(),
+                    "{} is an extractor: --units, --scale, --up and --created are for scenes",
+                    args.checkpoint.display()
+                );
                 file.source = source.unwrap_or(std::mem::take(&mut file.source));
                 file.licence = licence.unwrap_or(std::mem::take(&mut file.licence));
             }
             Self::Scene(scene) => {
+                let info = &mut scene.info;
                 if let Some(source) = source {
-                    scene.info.training.get_or_insert_default().source = source;
+                    info.training.get_or_insert_default().source = source;
                 }
                 if let Some(licence) = licence {
-                    scene.info.licence = licence;
+                    info.licence = licence;
                 }
+                info.created = args.created.clone().or(info.created.take());
+                describe_world(scene, args)?;
             }
         }
+        Ok(())
     }
 
     fn to_bytes(&self, precision: Precision) -> Result<Vec<u8>, SceneFileError> {
@@ -112,6 +146,42 @@ impl Content {
             Self::Scene(scene) => scene.to_bytes(precision),
         }
     }
+}
+
+fn parse_timestamp(text: &str) -> Result<Timestamp, String> {
+    Timestamp::parse(text).map_err(|e| e.to_string())
+}
+
+/// Notes unit, scale and gravity of a scene's world.
+fn describe_world(scene: &mut SceneFile, args: &Args) -> Result<()> {
+    let info = &mut scene.info;
+    if let Some(up) = args.up {
+        info.gravity = Some(gravity_from_up(&args.checkpoint, up)?);
+    }
+    let units = args.units.map_or(info.units, Units::from);
+    let is_other = units != info.units || args.scale.is_some();
+    info.units = units;
+    if let Some(scale) = args.scale {
+        check_scale(&args.checkpoint, scale)?;
+        info.units = Units::Metres;
+        info.scale.centre *= scale;
+        info.scale.scale *= scale;
+        if let Some(table) = &mut scene.landmarks {
+            table.grid.origin *= scale;
+            table.grid.step *= scale;
+        }
+    }
+    if let (true, Some(held_out)) = (
+        is_other,
+        info.training.as_mut().and_then(|t| t.held_out.as_mut()),
+    ) {
+        held_out.median_position = held_out
+            .median_position
+            .map(|m| args.scale.unwrap_or(1.0) * m);
+        // A share within centimetres of another unit cannot be turned into one of this.
+        held_out.recall_5cm_5deg = None;
+    }
+    Ok(())
 }
 
 /// Runs the command.
@@ -129,6 +199,7 @@ pub fn run(args: Args) -> Result<()> {
         );
     }
     let own = read_own(&bytes).with_context(|| format!("cannot convert {name}"))?;
+    let is_own = own.is_some();
     let mut content = match own {
         Some(own) => {
             let foreign = args.trained_with.is_some()
@@ -147,8 +218,13 @@ pub fn run(args: Args) -> Result<()> {
         let found = content.name();
         ensure!(found == expected, "{name} holds {found}, not {expected}");
     }
-    content.describe(args.source, args.licence);
-    let written = content.to_bytes(args.precision.into())?;
+    content.describe(&args)?;
+    let written = match (&content, is_own, args.precision) {
+        (Content::Scene(scene), true, None) => {
+            SceneFile::redescribed(&bytes, |stored| stored.clone_from(scene))?
+        }
+        (_, _, precision) => content.to_bytes(precision.unwrap_or(PrecisionArg::F16).into())?,
+    };
     write_bytes(&args.out, &written)?;
     let kind = match &content {
         Content::Extractor(_) => "extractor",
@@ -201,9 +277,8 @@ fn read_foreign(args: &Args, bytes: &[u8]) -> Result<Content> {
                 );
             };
             let extractor = load_extractor(path)?;
-            Ok(Content::Scene(Box::new(imported_scene(
-                &extractor, config, weights,
-            ))))
+            let scene = imported_scene(&extractor, config, weights)?;
+            Ok(Content::Scene(Box::new(scene)))
         }
     }
 }
@@ -213,7 +288,7 @@ fn imported_scene(
     extractor: &ExtractorFile,
     config: RegressorConfig,
     weights: Weights,
-) -> SceneFile {
+) -> Result<SceneFile> {
     let mut info = SceneInfo::new(extractor.kind, extractor.source_sha256.clone());
     info.sampler = match extractor.kind {
         ExtractorKind::Xfeat => Sampler::Xfeat,
@@ -223,10 +298,11 @@ fn imported_scene(
     info.line_halfpixel = false;
     info.working_max_side = 1024;
     info.training = Some(TrainingSummary::default());
-    SceneFile {
+    info.created = Some(now()?);
+    Ok(SceneFile {
         info,
         config,
         weights,
         landmarks: None,
-    }
+    })
 }

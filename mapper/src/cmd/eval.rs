@@ -8,14 +8,16 @@ use crate::eval::{
     table, to_json, write_report,
 };
 use crate::extract::Extraction;
+use crate::files::write_bytes;
 use crate::labels::Labels;
 use crate::picture;
 use crate::progress::Progress;
 use crate::scene::{KernelArgs, front_end_options, read_scene, relocalizer};
+use crate::units::Ruler;
 use crate::{export, overlay};
 use anyhow::{Context, Result, bail};
 use landline::relocalizer::RelocalizerOptions;
-use landline::scene_file::SceneFile;
+use landline::scene_file::{HeldOut, SceneFile, Units};
 use std::path::{Path, PathBuf};
 
 /// Evaluate a scene on the test pictures of a data set, with the nearest-landmark baseline beside it.
@@ -64,6 +66,9 @@ pub struct Args {
     /// Print JSON instead of the table.
     #[arg(long)]
     json: bool,
+    /// Write the accuracy into the scene file, as its held-out accuracy; nothing else of the file changes.
+    #[arg(long)]
+    record: bool,
     /// Folder for report.html, report.json, report.txt, per_image.csv and pictures of the failures.
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
@@ -101,6 +106,12 @@ pub fn run(args: Args) -> Result<()> {
         );
     }
     let (scene, num_bytes) = read_scene(&args.scene)?;
+    // What the scene says, unless the user knows better: the data set's own format says nothing of another's scene.
+    let said = args.teaching.data.units.map(Units::from);
+    let units = match args.teaching.data.scale {
+        Some(_) => Units::Metres,
+        None => said.unwrap_or(scene.info.units),
+    };
     let extractor = args.teaching.extractor.read()?;
     let extraction = Extraction::new(
         extractor.clone(),
@@ -109,7 +120,11 @@ pub fn run(args: Args) -> Result<()> {
     );
     let labels = match (&args.labels, args.no_baseline) {
         (_, true) => None,
-        (Some(path), _) => Some(Labels::read(path)?),
+        (Some(path), _) => Some(Labels::read_for(
+            path,
+            extractor.kind,
+            &extractor.source_sha256,
+        )?),
         (None, _) => Some(labels_of(&args, &dataset, &extraction)?),
     };
     let landmarks = labels.as_ref().map(|labels| {
@@ -138,6 +153,7 @@ pub fn run(args: Args) -> Result<()> {
         peer: peer.as_ref(),
         lines: lines.as_ref(),
         num_seeds: args.seeds,
+        units,
     };
     let evaluation = Evaluator::new(&mut relocalizer, options).run(&tests, |_| bar.inc(1))?;
     bar.finish();
@@ -161,6 +177,9 @@ pub fn run(args: Args) -> Result<()> {
         }
         print!("{}", table(&evaluation));
     }
+    if args.record {
+        record(&args.scene, &evaluation)?;
+    }
     if let Some(folder) = &args.report {
         let (drawn, num_failures) = draw_failures(&tests, &evaluation, &scene, folder)?;
         write_report(&evaluation, &subject, &drawn, folder)
@@ -173,6 +192,25 @@ pub fn run(args: Args) -> Result<()> {
             );
         }
     }
+    Ok(())
+}
+
+/// Writes the scene's own accuracy into its file.
+fn record(path: &Path, evaluation: &Evaluation) -> Result<()> {
+    let errors: Vec<_> = evaluation
+        .images
+        .iter()
+        .filter_map(|image| image.methods.first())
+        .map(|method| method.error.map(|e| (e.position, e.rotation_deg)))
+        .collect();
+    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let bytes = SceneFile::redescribed(&bytes, |scene| {
+        let info = &mut scene.info;
+        let held_out = HeldOut::of(&errors, info.units);
+        info.training.get_or_insert_default().held_out = Some(held_out);
+    })?;
+    write_bytes(path, &bytes)?;
+    eprintln!("recorded in {}", path.display());
     Ok(())
 }
 
@@ -230,8 +268,8 @@ fn draw_failures(
         };
         let what = match found.error {
             Some(e) => format!(
-                "{:.1} cm, {:.2} deg off",
-                100.0 * e.position,
+                "{}, {:.2} deg off",
+                Ruler::of(evaluation.units).text(e.position),
                 e.rotation_deg
             ),
             None => found.reason.clone().unwrap_or_default(),

@@ -1,5 +1,6 @@
 //! `landline inspect`: a readable card of a scene file or an extractor file, or what is wrong with it.
 
+use crate::units::accuracy;
 use anyhow::{Context as _, Result};
 use landline::models::{LineBranchConfig, PointBranchConfig, RegressorConfig};
 use landline::scene_file::{
@@ -121,10 +122,7 @@ fn scene_card(scene: &SceneFile) -> String {
         licence,
         created,
     } = &scene.info;
-    let unit = match units {
-        Units::Metres => "m",
-        Units::Arbitrary => "(unknown unit)",
-    };
+    let unit = units.symbol();
     let preset = preset.map_or(String::new(), |p| format!(", preset {}", p.name()));
     line(
         &mut out,
@@ -169,6 +167,14 @@ fn scene_card(scene: &SceneFile) -> String {
             c.x, c.y, c.z, scale.scale
         ),
     );
+    line(
+        &mut out,
+        "units",
+        match units {
+            Units::Metres => "metres",
+            Units::Arbitrary => "arbitrary: nobody said how long one is",
+        },
+    );
     match gravity {
         Some(g) => line(
             &mut out,
@@ -205,18 +211,7 @@ fn scene_card(scene: &SceneFile) -> String {
             line(&mut out, "source", &t.source);
         }
         match &t.held_out {
-            Some(h) => line(
-                &mut out,
-                "held out",
-                &format!(
-                    "median {:.4} {unit} / {:.3} deg, {:.1} % within 5 cm and 5 deg, {} of {} pictures not located",
-                    h.median_position,
-                    h.median_rotation_deg,
-                    100.0 * h.recall_5cm_5deg,
-                    h.num_not_located,
-                    h.num_images
-                ),
-            ),
+            Some(h) => line(&mut out, "held out", &accuracy(h, *units)),
             None => line(&mut out, "held out", "not measured"),
         }
     }
@@ -229,9 +224,14 @@ fn scene_card(scene: &SceneFile) -> String {
             licence
         },
     );
-    if !created.is_empty() {
-        line(&mut out, "created", created);
-    }
+    let created = created.as_ref().map(ToString::to_string);
+    line(
+        &mut out,
+        "created",
+        created
+            .as_deref()
+            .unwrap_or("not stated, by one of the first versions of this tool"),
+    );
     out
 }
 

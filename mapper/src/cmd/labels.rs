@@ -4,7 +4,7 @@
 use crate::dataset::{DataArgs, Dataset, DatasetImage, Split, open};
 use crate::extract::Extraction;
 use crate::labels::{
-    Imported, LabelError, LabelParams, LabelStats, Labels, add_variants, build_from,
+    Imported, LabelError, LabelParams, LabelStats, Labels, Origin, add_variants, build_from,
 };
 use crate::progress::Progress;
 use crate::scene::ExtractorArgs;
@@ -131,11 +131,17 @@ impl TeachingArgs {
             chosen.len(),
             start.elapsed().as_secs_f64()
         );
+        let origin = Origin {
+            units: dataset.units,
+            gravity: dataset.gravity,
+            source: format!("{num_posed} pictures, {}", dataset.format),
+            ..Origin::of_extractor(extraction.extractor(), extraction.options().max_side as u32)
+        };
         let imported = Imported::new(dataset, &positions, self.points_from == PointSource::Model)?;
         Ok(build_from(
             &chosen,
             features,
-            &extraction.maker(),
+            origin,
             &imported,
             &LabelParams::default(),
             &Progress::Terminal,

@@ -46,7 +46,11 @@ const USUAL_TABLE: usize = 140_000;
 /// When a file cannot be read or written, or the budget is too small.
 pub fn run(args: Args) -> Result<()> {
     let (mut scene, _) = read_scene(&args.scene)?;
-    let labels = Labels::read(&args.labels)?;
+    let labels = Labels::read_for(
+        &args.labels,
+        scene.info.extractor,
+        &scene.info.extractor_sha256,
+    )?;
     let precision = args.precision.into();
     add(&mut scene, &labels.map, args.size, precision)?;
     let bytes = scene.to_bytes(precision)?;

@@ -2,7 +2,6 @@
 
 use crate::cmd::labels::TeachingArgs;
 use crate::cmd::train::{TrainingArgs, train_and_write};
-use crate::train::export::Origin;
 use anyhow::Result;
 use std::path::PathBuf;
 
@@ -19,9 +18,6 @@ pub struct Args {
     /// The scene file to write.
     #[arg(long, short)]
     out: PathBuf,
-    /// Licence of the map; goes into the file.
-    #[arg(long, default_value = "")]
-    licence: String,
     #[command(flatten)]
     training: TrainingArgs,
 }
@@ -36,21 +32,5 @@ pub fn run(args: Args) -> Result<()> {
     let taught = args
         .teaching
         .teach(Some(&folder.join("features")), args.variants)?;
-    let origin = Origin {
-        source: format!(
-            "{} pictures, {}",
-            taught.labels.map.views.len(),
-            taught.dataset.format
-        ),
-        licence: args.licence.clone(),
-        working_max_side: taught.extraction.options().max_side as u32,
-        ..Origin::default()
-    };
-    train_and_write(
-        &taught.labels,
-        &args.training,
-        taught.extraction.extractor(),
-        origin,
-        &args.out,
-    )
+    train_and_write(&taught.labels, &args.training, &args.out)
 }

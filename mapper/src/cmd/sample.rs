@@ -8,16 +8,18 @@ use crate::cmd::train::{TrainingArgs, print_summary};
 use crate::dataset::{DatasetImage, Split};
 use crate::feature_cache::FeatureCache;
 use crate::files;
-use crate::labels::{LabelParams, Labels, build};
+use crate::labels::{LabelParams, Labels, Origin, build};
 use crate::progress::Progress;
-use crate::train::{export, run as training};
+use crate::timestamp::now;
+use crate::train::export::{self, Statement};
+use crate::train::run as training;
 use crate::weights::load_extractor;
 use anyhow::Result;
 use image::{ExtendedColorType, ImageEncoder};
 use landline::features::FeatureSet;
 use landline::front_end::{FrontEnd, FrontEndOptions};
 use landline::image::{FrameView, PixelFormat};
-use landline::scene_file::{ExtractorFile, Precision};
+use landline::scene_file::{ExtractorFile, Precision, Units};
 use landline_testkit::room::{Picture, RenderOptions, Room, View, query_views, training_views};
 use nalgebra::Vector3;
 use serde_json::json;
@@ -50,6 +52,8 @@ pub struct Args {
 
 const WIDTH: u32 = 640;
 const HEIGHT: u32 = 480;
+/// The room's floor is at z = 0.
+const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -1.0);
 
 /// Renders, teaches, writes.
 ///
@@ -57,6 +61,7 @@ const HEIGHT: u32 = 480;
 /// When the checkpoint is not XFeat's, nothing can be learned, or the disk refuses.
 pub fn run(args: Args) -> Result<()> {
     let extractor = load_extractor(&args.checkpoint)?;
+    let created = now()?;
     eprintln!("furnishing the room");
     let room = Room::new(args.room_seed);
     let walk = training_views(&room, args.room_seed, args.walk, WIDTH, HEIGHT);
@@ -72,11 +77,20 @@ pub fn run(args: Args) -> Result<()> {
             split: Split::Train,
         })
         .collect();
+    let origin = Origin {
+        units: Units::Metres,
+        gravity: Some(GRAVITY),
+        source: format!(
+            "rendered room, seed {}, {} pictures",
+            args.room_seed, args.walk
+        ),
+        ..Origin::of_extractor(&extractor, WIDTH)
+    };
     let borrowed: Vec<&DatasetImage> = images.iter().collect();
     let (mut labels, stats) = build(
         &borrowed,
         features,
-        extractor.kind.name(),
+        origin,
         &LabelParams::default(),
         &Progress::Terminal,
     )?;
@@ -92,18 +106,14 @@ pub fn run(args: Args) -> Result<()> {
         &args.training.control(),
         &device,
     )?;
-    print_summary(&trained);
-    let origin = export::Origin {
-        source: format!(
-            "rendered room, seed {}, {} pictures",
-            args.room_seed, args.walk
-        ),
+    print_summary(&trained, &labels);
+    let statement = Statement {
+        preset: options.preset,
         licence: env!("CARGO_PKG_LICENSE").to_owned(),
-        created: String::new(),
-        working_max_side: WIDTH,
-        held_out: None,
+        created,
     };
-    let mut scene = export::scene(&trained, &labels, &extractor, options.preset, origin)?;
+    let mut scene = export::scene(&trained, &labels, statement)?;
+    export::measure(&mut scene, &labels, &trained.held, Precision::Int8)?;
     let size = args.training.size;
     landmarks::add(&mut scene, &labels.map, size, Precision::Int8)?;
     let bytes = scene.to_bytes(Precision::Int8)?;

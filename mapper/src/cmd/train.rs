@@ -4,12 +4,13 @@ use crate::cmd::convert::PrecisionArg;
 use crate::cmd::landmarks::{self, SizeArgs};
 use crate::files;
 use crate::labels::Labels;
-use crate::train::export::{self, Origin};
+use crate::timestamp::now;
+use crate::train::export::{self, Statement};
 use crate::train::run::{self, Control, RunOptions, Trained};
+use crate::units::{Ruler, accuracy};
 use crate::weights::load_extractor;
 use anyhow::{Context, Result, bail};
 use landline::models::{Preset, RegressorConfig};
-use landline::scene_file::ExtractorFile;
 use std::path::{Path, PathBuf};
 
 /// Trains a scene from labels.
@@ -57,6 +58,9 @@ pub struct TrainingArgs {
     /// Change the network: point.FIELD=VALUE or line.FIELD=VALUE; may be repeated.
     #[arg(long = "network", value_name = "PATH=VALUE", value_parser = parse_network)]
     pub network: Vec<String>,
+    /// Licence of the map; goes into the file.
+    #[arg(long, default_value = "")]
+    pub licence: String,
     /// Folder for options, log, curves and checkpoint; without it OUT with the ending `.run`.
     #[arg(long)]
     pub run: Option<PathBuf>,
@@ -157,35 +161,32 @@ impl TrainingArgs {
 /// When there is too little to learn from, the run folder belongs to another run, or the disk refuses.
 pub fn run(args: Args) -> Result<()> {
     args.training.check()?;
-    let labels = Labels::read(&args.labels)?;
-    let origin = Origin {
-        source: args.labels.display().to_string(),
-        working_max_side: 640,
-        ..Origin::default()
-    };
     let extractor = load_extractor(&args.extractor)?;
-    train_and_write(&labels, &args.training, &extractor, origin, &args.out)
+    let labels = Labels::read_for(&args.labels, extractor.kind, &extractor.source_sha256)?;
+    train_and_write(&labels, &args.training, &args.out)
 }
 
 /// The part after the labels.
 ///
 /// # Errors
 /// As [`run`].
-pub fn train_and_write(
-    labels: &Labels,
-    training: &TrainingArgs,
-    extractor: &ExtractorFile,
-    origin: Origin,
-    out: &Path,
-) -> Result<()> {
+pub fn train_and_write(labels: &Labels, training: &TrainingArgs, out: &Path) -> Result<()> {
+    // Before anything expensive happens.
+    let created = now()?;
     let folder = training.run_folder(out);
     let device = crate::train::cpu_device();
     let options = training.options();
     let trained = run::train(labels, &options, &folder, &training.control(), &device)
         .with_context(|| format!("training {}", out.display()))?;
-    print_summary(&trained);
-    let mut scene = export::scene(&trained, labels, extractor, options.preset, origin)?;
+    print_summary(&trained, labels);
+    let statement = Statement {
+        preset: options.preset,
+        licence: training.licence.clone(),
+        created,
+    };
+    let mut scene = export::scene(&trained, labels, statement)?;
     let precision = training.precision.into();
+    export::measure(&mut scene, labels, &trained.held, precision)?;
     landmarks::add(&mut scene, &labels.map, training.size, precision)?;
     let bytes = scene.to_bytes(precision)?;
     files::write_bytes(out, &bytes)?;
@@ -194,19 +195,19 @@ pub fn train_and_write(
 }
 
 /// What the run learned, on standard output.
-pub fn print_summary(trained: &Trained) {
+pub fn print_summary(trained: &Trained, labels: &Labels) {
+    let units = labels.origin.units;
+    let ruler = Ruler::of(units);
     for judged in &trained.held_out {
         println!(
             "{:?}: {} held-out pictures, best at step {}",
-            judged.kind, judged.delivered.images, judged.step
+            judged.kind, judged.delivered.poses.num_images, judged.step
         );
         for (when, h) in [("before", &judged.start), ("after", &judged.delivered)] {
             println!(
-                "  {when:6} pose {:.2} cm {:.3} deg, {:.1} % within 5 cm 5 deg, mean {:.2} cm; features {:.2} px, {:.1} % within 6 px",
-                100.0 * h.median_position_m,
-                h.median_rotation_deg,
-                100.0 * h.recall_5cm_5deg,
-                100.0 * h.score,
+                "  {when:6} {}, mean {}; features {:.2} px, {:.1} % within 6 px",
+                accuracy(&h.poses, units),
+                ruler.text(h.score),
                 h.median_px,
                 100.0 * h.share_within_6px
             );

@@ -1,7 +1,7 @@
 //! What every format has in common: pictures are there and fit their cameras, names are unique, the split is applied.
 
 use super::open::DataArgs;
-use super::{Dataset, DatasetError, limap, split};
+use super::{Dataset, DatasetError, limap, split, world};
 use crate::picture;
 use landline::geometry::{CamFromWorld, Camera, PixelMap};
 use std::collections::{HashMap, HashSet};
@@ -88,6 +88,7 @@ pub(super) fn finish(dataset: &mut Dataset, args: &DataArgs) -> Result<(), Datas
     if let Some(folder) = &args.lines {
         limap::read_into(folder, dataset)?;
     }
+    world::apply(dataset, args)?;
     if let Some(list) = &args.test_list {
         return split::apply_list(list, dataset);
     }

@@ -9,6 +9,7 @@ use super::text::TextFile;
 use super::{Dataset, DatasetError, DatasetImage, Split};
 use crate::import::pickle::{Arena, Value};
 use landline::geometry::CameraRecord;
+use landline::scene_file::Units;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -46,6 +47,7 @@ fn string_lists(bytes: &[u8]) -> Result<HashMap<String, Vec<String>>, String> {
 /// Reads the folder.
 pub(super) fn read(root: &Path, pictures: &Pictures) -> Result<Dataset, DatasetError> {
     let mut dataset = Dataset::empty("Indoor-6");
+    dataset.units = Units::Metres;
     dataset.sources.push(root.to_owned());
     let pickled = root.join("train_test_val.pkl");
     let mut split_of: HashMap<String, Split> = HashMap::new();

@@ -18,12 +18,15 @@ mod table;
 mod text;
 mod transforms;
 mod tum;
+mod world;
 
 pub use open::{DataArgs, Format, open, parse_camera};
 pub use pose_check::{PoseProblem, rigid_from_matrix};
 pub use split::{IndexRange, Split};
+pub use world::{UnitsArg, check_scale, gravity_from_up, parse_vector};
 
 use landline::geometry::{CamFromWorld, Camera};
+use landline::scene_file::Units;
 use std::path::{Path, PathBuf};
 
 /// One picture of a data set.
@@ -89,6 +92,10 @@ pub struct Dataset {
     pub lines: Vec<ModelLine>,
     /// Segments per picture that came with a line map, corner-based: start x, y, end x, y.
     pub segments: Option<Vec<Vec<[f64; 4]>>>,
+    /// Metres where the format defines them or the user said so.
+    pub units: Units,
+    /// Direction of gravity in the world, a unit vector, if the format or the user says it.
+    pub gravity: Option<nalgebra::Vector3<f64>>,
 }
 
 impl Dataset {
@@ -102,6 +109,8 @@ impl Dataset {
             points: Vec::new(),
             lines: Vec::new(),
             segments: None,
+            units: Units::Arbitrary,
+            gravity: None,
         }
     }
 
@@ -170,6 +179,18 @@ pub enum DatasetError {
         name: String,
         /// What is wrong with it.
         problem: PoseProblem,
+    },
+    /// A value of the command line that means nothing for this data set.
+    #[error("{path}: {option} is {value}: {reason}")]
+    Option {
+        /// The data set.
+        path: PathBuf,
+        /// As it is written on the command line.
+        option: &'static str,
+        /// What was given.
+        value: String,
+        /// What it should be.
+        reason: &'static str,
     },
     /// Nothing left to work with.
     #[error("{path}: no usable picture: {what}")]

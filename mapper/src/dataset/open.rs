@@ -5,6 +5,7 @@ use super::finish::finish;
 use super::pictures::{Pictures, list_files};
 use super::pose_list::{self, CameraSource, ListKind};
 use super::split::{self, IndexRange};
+use super::world::{UnitsArg, parse_vector};
 use super::{Dataset, DatasetError, colmap, indoor6, seven_scenes, transforms, tum};
 use landline::geometry::CameraRecord;
 use std::path::{Path, PathBuf};
@@ -44,6 +45,20 @@ pub struct DataArgs {
     /// Names of the pictures that test, one a line; an hloc query list will do. The others teach.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["train", "test"])]
     pub test_list: Option<PathBuf>,
+    /// What one unit of length of the data set is; without it, a metre where the format says so and unknown elsewhere.
+    #[arg(long, value_enum)]
+    pub units: Option<UnitsArg>,
+    /// Metres for one unit of length: the data set's lengths are multiplied by it and are metres then.
+    #[arg(
+        long,
+        value_name = "F",
+        conflicts_with = "units",
+        allow_hyphen_values = true
+    )]
+    pub scale: Option<f64>,
+    /// Which way is up in the data set's world.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_vector)]
+    pub up: Option<[f64; 3]>,
 }
 
 /// The formats that are read.

@@ -10,6 +10,7 @@ use super::pose_list::{CameraSource, block_and_translation};
 use super::text::TextFile;
 use super::{Dataset, DatasetError, DatasetImage, Split};
 use landline::geometry::{CamFromWorld, CameraRecord, WorldFromCam};
+use landline::scene_file::Units;
 use nalgebra::{Matrix3, Vector3};
 use std::path::{Path, PathBuf};
 
@@ -112,6 +113,7 @@ pub(super) fn read_original(
     cameras: &CameraSource,
 ) -> Result<Dataset, DatasetError> {
     let mut dataset = Dataset::empty("7-Scenes");
+    dataset.units = Units::Metres;
     dataset.sources.push(root.to_owned());
     dataset.notes.push(
         "poses as shipped are of the depth camera: moved to the colour camera by the known transform".to_owned(),
@@ -178,6 +180,7 @@ pub(super) fn read_original(
 /// Reads the layout of DSAC* and ACE. Its poses are of the colour camera.
 pub(super) fn read_ace(root: &Path) -> Result<Dataset, DatasetError> {
     let mut dataset = Dataset::empty("DSAC*/ACE folders");
+    dataset.units = Units::Metres;
     dataset.sources.push(root.to_owned());
     for (folder, split) in [("train", Split::Train), ("test", Split::Test)] {
         let base = root.join(folder);

@@ -2,6 +2,7 @@
 
 use super::{Dataset, Split};
 use landline::math::stats::median_in_place;
+use landline::scene_file::Units;
 use std::fmt;
 
 /// How many names of one reason are shown.
@@ -87,6 +88,18 @@ impl fmt::Display for ImportTable<'_> {
                 f,
                 "cameras span",
                 format!("{:.2} x {:.2} x {:.2}", size.x, size.y, size.z),
+            )?;
+        }
+        let unit = match d.units {
+            Units::Metres => "metres",
+            Units::Arbitrary => "arbitrary (--units metres or --scale F where they are known)",
+        };
+        row(f, "units", unit.to_owned())?;
+        if let Some(g) = d.gravity {
+            row(
+                f,
+                "gravity",
+                format!("({:.3}, {:.3}, {:.3})", g.x, g.y, g.z),
             )?;
         }
         if !d.points.is_empty() {

@@ -7,6 +7,7 @@ use super::pose_list::CameraSource;
 use super::text::TextFile;
 use super::{Dataset, DatasetError, DatasetImage, Split};
 use landline::geometry::{Camera, CameraModel, WorldFromCam};
+use landline::scene_file::Units;
 use nalgebra::Vector3;
 use std::path::Path;
 
@@ -32,6 +33,7 @@ pub(super) fn read(
     cameras: &CameraSource,
 ) -> Result<Dataset, DatasetError> {
     let mut dataset = Dataset::empty("TUM RGB-D");
+    dataset.units = Units::Metres;
     dataset.sources.push(root.to_owned());
     let truth_path = root.join("groundtruth.txt");
     let truth = TextFile::read(&truth_path)?;

@@ -1,6 +1,7 @@
 //! Is one method better than another on the same pictures? A paired bootstrap over pictures.
 
 use super::{PoseError, Summary};
+use crate::units::Ruler;
 use landline::math::Rng;
 use landline::math::stats::quantile_in_place;
 use serde::Serialize;
@@ -95,15 +96,18 @@ impl Comparison {
     }
 }
 
-impl std::fmt::Display for Comparison {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let [p, p_low, p_high] = self.position.map(|v| 100.0 * v);
+impl Comparison {
+    /// In one sentence.
+    pub fn text(&self, ruler: &Ruler) -> String {
+        let [p, p_low, p_high] = self
+            .position
+            .map(|v| format!("{:+.*}", ruler.digits, ruler.factor * v));
+        let (symbol, recall) = (ruler.symbol, ruler.threshold(0.02));
         let [r, r_low, r_high] = self.rotation_deg;
         let [c, c_low, c_high] = self.recall.map(|v| 100.0 * v);
-        write!(
-            f,
-            "{} against {}: median {p:+.2} cm ({p_low:+.2} .. {p_high:+.2}), {r:+.3} deg ({r_low:+.3} .. {r_high:+.3}), \
-             2/2 {c:+.1} points ({c_low:+.1} .. {c_high:+.1}); nearer on {} pictures, farther on {}; lower median in \
+        format!(
+            "{} against {}: median {p} {symbol} ({p_low} .. {p_high}), {r:+.3} deg ({r_low:+.3} .. {r_high:+.3}), \
+             {recall}/2 {c:+.1} points ({c_low:+.1} .. {c_high:+.1}); nearer on {} pictures, farther on {}; lower median in \
              {:.1} % of resamples",
             self.first,
             self.second,
@@ -117,6 +121,7 @@ impl std::fmt::Display for Comparison {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use landline::scene_file::Units;
 
     fn errors(position: impl Fn(usize) -> f64) -> Vec<Vec<Option<PoseError>>> {
         (0..40)
@@ -136,15 +141,18 @@ mod tests {
         let c = Comparison::new(("near", &near), ("far", &far));
         assert!((c.position[0] + 0.01).abs() < 1e-12);
         assert!(c.position[1] <= c.position[0] && c.position[0] <= c.position[2]);
-        assert!(c.position[2] < 0.0, "{c}");
+        assert!(c.position[2] < 0.0, "{c:?}");
         assert_eq!((c.wins, c.first_is_better), ([40, 0], 1.0));
         assert_eq!(c.rotation_deg, [0.0; 3]);
+        let told = |units| c.text(&Ruler::of(units));
+        assert!(told(Units::Metres).contains("median -1.00 cm ("));
+        assert!(told(Units::Arbitrary).contains("median -0.0100 units ("));
 
         // As many better by a centimetre as worse by one: the range holds zero.
         let mixed = errors(|i| 0.015 + 0.0001 * i as f64 + if i % 2 == 0 { 0.01 } else { -0.01 });
         let middle = errors(|i| 0.015 + 0.0001 * i as f64);
         let c = Comparison::new(("mixed", &mixed), ("middle", &middle));
-        assert!(c.position[1] < 0.0 && c.position[2] > 0.0, "{c}");
+        assert!(c.position[1] < 0.0 && c.position[2] > 0.0, "{c:?}");
 
         let lost = vec![vec![None]; 40];
         let c = Comparison::new(("lost", &lost), ("lost too", &lost));

@@ -1,8 +1,9 @@
 //! The report as a page of its own: figures, plots, the worst pictures.
 
-use super::plots;
 use super::report::Subject;
 use super::run::{Evaluation, ImageResult, STAGES};
+use super::{RECALLS, plots};
+use crate::units::Ruler;
 use std::fmt::Write as _;
 use std::io;
 
@@ -53,7 +54,8 @@ pub(super) fn page(
         num = evaluation.images.len(),
         data = escaped(&subject.data),
     );
-    accuracy(&mut out, evaluation);
+    let ruler = Ruler::of(evaluation.units);
+    accuracy(&mut out, evaluation, &ruler);
     let distribution = plots::error_distribution;
     // Writing to a string cannot fail.
     let _ = writeln!(
@@ -61,26 +63,28 @@ pub(super) fn page(
         "<h2>Errors</h2>\n<div class=\"plots\">\n{}\n{}\n{}\n</div>",
         distribution(
             evaluation,
-            "position error, cm",
-            |e| 100.0 * e.position,
-            (0.1, 100.0)
+            &format!("position error, {}", ruler.symbol),
+            &|e| ruler.factor * e.position,
+            (1e-3 * ruler.factor, ruler.factor)
         )?,
         distribution(
             evaluation,
             "rotation error, degrees",
-            |e| e.rotation_deg,
+            &|e| e.rotation_deg,
             (0.03, 30.0)
         )?,
         plots::error_over_pictures(evaluation)?,
     );
     let _ = writeln!(
         out,
-        "<p class=\"quiet\">The line in the lower plot is 5 cm. A picture without a pose sits on the upper edge.</p>\n\
+        "<p class=\"quiet\">The line in the lower plot is {} {}. A picture without a pose sits on the upper edge.</p>\n\
          <h2>Camera positions</h2>\n<div class=\"plots\">\n{}\n</div>",
+        ruler.threshold(0.05),
+        ruler.symbol,
         plots::trajectory(evaluation)?
     );
     stages(&mut out, evaluation);
-    worst(&mut out, evaluation);
+    worst(&mut out, evaluation, &ruler);
     if !failures.is_empty() {
         out.push_str("<h2>Failures</h2>\n<div class=\"fails\">\n");
         for (file, what) in failures {
@@ -98,25 +102,26 @@ pub(super) fn page(
     Ok(out)
 }
 
-fn accuracy(out: &mut String, evaluation: &Evaluation) {
-    out.push_str(
-        "<h2>Accuracy</h2>\n<table><tr><th>method<th>located<th>median cm<th>median deg<th>within 2 cm / 2&deg;\
-         <th>5 cm / 5&deg;<th>10 cm / 10&deg;<th>points<th>lines</tr>\n",
+fn accuracy(out: &mut String, evaluation: &Evaluation, ruler: &Ruler) {
+    let symbol = ruler.symbol;
+    let [a, b, c] = RECALLS.map(|(m, deg)| format!("{} {symbol} / {deg}&deg;", ruler.threshold(m)));
+    let _ = writeln!(
+        out,
+        "<h2>Accuracy</h2>\n<table><tr><th>method<th>located<th>median {symbol}<th>median deg<th>within {a}<th>{b}<th>{c}\
+         <th>points<th>lines</tr>",
     );
     for (i, (name, s)) in evaluation.methods.iter().enumerate() {
-        let recall = |m: f64| number(100.0 * s.recall_at(m).unwrap_or(f64::NAN), 1) + " %";
+        let [a, b, c] =
+            RECALLS.map(|(m, _)| number(100.0 * s.recall_at(m).unwrap_or(f64::NAN), 1) + " %");
         let _ = writeln!(
             out,
-            "<tr{}><td>{}<td>{} of {}<td>{}<td>{}<td>{}<td>{}<td>{}<td>{}<td>{}</tr>",
+            "<tr{}><td>{}<td>{} of {}<td>{}<td>{}<td>{a}<td>{b}<td>{c}<td>{}<td>{}</tr>",
             if i == 0 { " class=\"main\"" } else { "" },
             escaped(name),
             s.num_located,
             s.num_images,
-            number(100.0 * s.median_position, 2),
+            number(ruler.factor * s.median_position, ruler.digits),
             number(s.median_rotation_deg, 3),
-            recall(0.02),
-            recall(0.05),
-            recall(0.10),
             number(s.median_point_inliers, 0),
             number(s.median_line_inliers, 0),
         );
@@ -133,11 +138,11 @@ fn accuracy(out: &mut String, evaluation: &Evaluation) {
         let _ = writeln!(
             out,
             "<p>{}. <span class=\"quiet\">In brackets: 95 % of 2,000 resamples of the pictures.</span></p>",
-            escaped(&comparison.to_string())
+            escaped(&comparison.text(ruler))
         );
     }
     if let Some(lines) = &evaluation.lines {
-        let _ = writeln!(out, "<p>{}.</p>", escaped(&lines.to_string()));
+        let _ = writeln!(out, "<p>{}.</p>", escaped(&lines.text(ruler)));
     }
 }
 
@@ -155,15 +160,17 @@ fn stages(out: &mut String, evaluation: &Evaluation) {
     out.push_str("</table>\n");
 }
 
-fn worst(out: &mut String, evaluation: &Evaluation) {
+fn worst(out: &mut String, evaluation: &Evaluation, ruler: &Ruler) {
     let error = |image: &ImageResult| image.methods.first().and_then(|m| m.error);
     let mut order: Vec<&ImageResult> = evaluation.images.iter().collect();
     order.sort_by(|a, b| {
         let far = |i: &ImageResult| error(i).map_or(f64::INFINITY, |e| e.position);
         far(b).total_cmp(&far(a))
     });
-    out.push_str(
-        "<h2>Worst pictures</h2>\n<table><tr><th>picture<th>cm<th>deg<th>points<th>lines<th>reason</tr>\n",
+    let _ = writeln!(
+        out,
+        "<h2>Worst pictures</h2>\n<table><tr><th>picture<th>{}<th>deg<th>points<th>lines<th>reason</tr>",
+        ruler.symbol
     );
     for image in order.iter().take(NUM_WORST) {
         let Some(m) = image.methods.first() else {
@@ -174,7 +181,7 @@ fn worst(out: &mut String, evaluation: &Evaluation) {
             out,
             "<tr><td>{}<td>{}<td>{}<td>{}<td>{}<td>{}</tr>",
             escaped(&image.name),
-            number(part(|e| 100.0 * e.position), 2),
+            number(ruler.factor * part(|e| e.position), ruler.digits),
             number(part(|e| e.rotation_deg), 3),
             m.inliers.0,
             m.inliers.1,

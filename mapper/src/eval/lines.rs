@@ -4,6 +4,7 @@
 //! the picture, under its true pose: the line must project onto the segment, and look like it. The predicted segment is
 //! then compared with that very line in space, not with the nearest one.
 
+use crate::units::Ruler;
 use landline::features::FeatureSet;
 use landline::geometry::{CamFromWorld, Camera};
 use landline::pose::LineCorrespondence;
@@ -49,8 +50,9 @@ impl LineAccuracy {
     }
 }
 
-impl std::fmt::Display for LineAccuracy {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+impl LineAccuracy {
+    /// In one sentence.
+    pub fn text(&self, ruler: &Ruler) -> String {
         let percent = |part: usize, of: usize| {
             if of == 0 {
                 "-".to_owned()
@@ -58,11 +60,11 @@ impl std::fmt::Display for LineAccuracy {
                 format!("{:.1} %", 100.0 * part as f64 / of as f64)
             }
         };
-        write!(
-            f,
-            "3D lines within {:.0} cm / {MAX_LINE_ANGLE_DEG:.0} deg of the triangulated one: {} of {}; of those that agree \
+        format!(
+            "3D lines within {} {} / {MAX_LINE_ANGLE_DEG:.0} deg of the triangulated one: {} of {}; of those that agree \
              with the pose {} of {} ({} predicted)",
-            100.0 * MAX_LINE_DISTANCE,
+            ruler.threshold(MAX_LINE_DISTANCE),
+            ruler.symbol,
             percent(self.num_right, self.num_known),
             self.num_known,
             percent(self.num_agreeing_right, self.num_agreeing_known),

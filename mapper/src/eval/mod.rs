@@ -2,6 +2,7 @@
 
 mod baseline;
 mod compare;
+mod held_out;
 mod html;
 mod lines;
 mod peer;
@@ -11,6 +12,7 @@ mod run;
 
 pub use baseline::{Landmarks, baseline_size};
 pub use compare::Comparison;
+pub use held_out::{held_out, pose_error};
 pub use lines::{LineAccuracy, LineTruth, MAX_LINE_ANGLE_DEG, MAX_LINE_DISTANCE};
 pub use peer::{FullMatching, NUM_PICTURES};
 pub use report::{Subject, per_image_csv, table, to_json, write_report};
@@ -22,7 +24,7 @@ use landline::geometry::CamFromWorld;
 use landline::math::stats::median_in_place;
 use serde::Serialize;
 
-/// Thresholds of the recall table: metres and degrees.
+/// Thresholds of the recall table: world units and degrees.
 pub const THRESHOLDS: [(f64, f64); 5] = [
     (0.01, 1.0),
     (0.02, 2.0),
@@ -30,6 +32,9 @@ pub const THRESHOLDS: [(f64, f64); 5] = [
     (0.05, 5.0),
     (0.10, 10.0),
 ];
+
+/// Those of them that the tables show.
+pub(crate) const RECALLS: [(f64, f64); 3] = [(0.02, 2.0), (0.05, 5.0), (0.10, 10.0)];
 
 /// How far a pose is from the truth.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

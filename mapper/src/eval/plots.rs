@@ -1,8 +1,9 @@
 //! Plots of an evaluation, as SVG.
 
-use super::PoseError;
 use super::run::{Evaluation, ImageResult};
+use super::{PoseError, RECALLS};
 use crate::plot::{GRID, legend, svg};
+use crate::units::Ruler;
 use nalgebra::Vector3;
 use plotters::prelude::*;
 use std::io;
@@ -31,12 +32,12 @@ fn color_of_column(evaluation: &Evaluation, column: usize) -> RGBColor {
     })
 }
 
-/// Share of pictures with an error below, over the error on a logarithmic axis: positions in centimetres or rotations in
-/// degrees.
+/// Share of pictures with an error below, over the error on a logarithmic axis: positions as the ruler tells them, or
+/// rotations in degrees.
 pub(super) fn error_distribution(
     evaluation: &Evaluation,
     title: &str,
-    part: fn(&PoseError) -> f64,
+    part: &dyn Fn(&PoseError) -> f64,
     range: (f64, f64),
 ) -> io::Result<String> {
     svg(SIZE, |area| {
@@ -85,25 +86,27 @@ pub(super) fn error_distribution(
 
 /// Position error of the scene and of the baseline, picture by picture.
 pub(super) fn error_over_pictures(evaluation: &Evaluation) -> io::Result<String> {
-    const RANGE: (f64, f64) = (0.05, 200.0);
+    let ruler = Ruler::of(evaluation.units);
+    let range = (5e-4 * ruler.factor, 2.0 * ruler.factor);
+    let middle = 0.05 * ruler.factor;
     let num = evaluation.images.len();
     svg((2 * SIZE.0 + 12, SIZE.1), |area| {
         let mut chart = ChartBuilder::on(area)
             .margin(12)
             .x_label_area_size(38)
             .y_label_area_size(46)
-            .build_cartesian_2d(0.0..num.max(1) as f64, (RANGE.0..RANGE.1).log_scale())?;
+            .build_cartesian_2d(0.0..num.max(1) as f64, (range.0..range.1).log_scale())?;
         chart
             .configure_mesh()
             .x_desc("test picture")
-            .y_desc("position error, cm")
+            .y_desc(format!("position error, {}", ruler.symbol))
             .light_line_style(GRID)
             .bold_line_style(GRID)
             .x_label_formatter(&|v| format!("{v:.0}"))
             .y_label_formatter(&|v| format!("{v}"))
             .draw()?;
         chart.draw_series(LineSeries::new(
-            [(0.0, 5.0), (num as f64, 5.0)],
+            [(0.0, middle), (num as f64, middle)],
             BLACK.mix(0.35),
         ))?;
         // The baseline below the scene's own results.
@@ -119,8 +122,8 @@ pub(super) fn error_over_pictures(evaluation: &Evaluation) -> io::Result<String>
                 .filter_map(|(i, image)| {
                     // A picture without a pose sits on the upper edge.
                     let error = image.methods.get(column)?.error;
-                    let cm = error.map_or(RANGE.1, |e| 100.0 * e.position);
-                    Some((i as f64 + 0.5, cm.clamp(RANGE.0, RANGE.1)))
+                    let far = error.map_or(range.1, |e| ruler.factor * e.position);
+                    Some((i as f64 + 0.5, far.clamp(range.0, range.1)))
                 })
                 .collect();
             chart.draw_series(LineSeries::new(places.clone(), color.mix(0.45)))?;
@@ -182,11 +185,35 @@ pub(super) fn trajectory(evaluation: &Evaluation) -> io::Result<String> {
             ))?
             .label("truth")
             .legend(|(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], TRUTH.stroke_width(2)));
-        let classes: [(&str, f64, f64, RGBColor); 4] = [
-            ("below 2 cm", 0.0, 0.02, RGBColor(0, 158, 115)),
-            ("2 to 5 cm", 0.02, 0.05, RGBColor(0, 114, 178)),
-            ("5 to 10 cm", 0.05, 0.10, RGBColor(230, 159, 0)),
-            ("10 cm and more", 0.10, f64::INFINITY, RGBColor(204, 50, 40)),
+        let ruler = Ruler::of(evaluation.units);
+        let [a, b, c] = RECALLS.map(|(m, _)| m);
+        let told = |m: f64| ruler.threshold(m);
+        let symbol = ruler.symbol;
+        let classes: [(String, f64, f64, RGBColor); 4] = [
+            (
+                format!("below {} {symbol}", told(a)),
+                0.0,
+                a,
+                RGBColor(0, 158, 115),
+            ),
+            (
+                format!("{} to {} {symbol}", told(a), told(b)),
+                a,
+                b,
+                RGBColor(0, 114, 178),
+            ),
+            (
+                format!("{} to {} {symbol}", told(b), told(c)),
+                b,
+                c,
+                RGBColor(230, 159, 0),
+            ),
+            (
+                format!("{} {symbol} and more", told(c)),
+                c,
+                f64::INFINITY,
+                RGBColor(204, 50, 40),
+            ),
         ];
         for (name, from, to, color) in classes {
             let places: Vec<(f64, f64)> = evaluation

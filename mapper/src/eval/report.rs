@@ -1,8 +1,9 @@
 //! The evaluation for people (table), for programs (JSON, CSV) and for a look (pictures of failures).
 
 use super::run::{Evaluation, STAGES};
-use super::{THRESHOLDS, html};
+use super::{RECALLS, THRESHOLDS, html};
 use crate::files;
+use crate::units::Ruler;
 use serde_json::json;
 use std::fmt::Write as _;
 use std::io;
@@ -21,17 +22,19 @@ pub struct Subject {
 
 /// The table that `landline eval` prints.
 pub fn table(evaluation: &Evaluation) -> String {
+    let ruler = Ruler::of(evaluation.units);
     let mut out = String::new();
+    let [a, b, c] = RECALLS.map(|(m, deg)| format!("{}/{deg}", ruler.threshold(m)));
     let _ = writeln!(
         out,
-        "{:26} {:>9} {:>8} {:>8} {:>7} {:>7} {:>7} {:>8} {:>7}",
-        "method", "located", "cm", "deg", "2/2", "5/5", "10/10", "points", "lines"
+        "{:26} {:>9} {:>8} {:>8} {a:>7} {b:>7} {c:>7} {:>8} {:>7}",
+        "method", "located", ruler.symbol, "deg", "points", "lines"
     );
     for (name, s) in &evaluation.methods {
-        let recall = |cm: f64| {
-            s.recall_at(0.01 * cm)
+        let [a, b, c] = RECALLS.map(|(m, _)| {
+            s.recall_at(m)
                 .map_or_else(|| "-".to_owned(), |r| format!("{:.1}", 100.0 * r))
-        };
+        });
         let count = |v: f64| {
             if v.is_nan() {
                 "-".to_owned()
@@ -41,13 +44,10 @@ pub fn table(evaluation: &Evaluation) -> String {
         };
         let _ = writeln!(
             out,
-            "{name:26} {:>9} {:>8.2} {:>8.3} {:>7} {:>7} {:>7} {:>8} {:>7}",
+            "{name:26} {:>9} {:>8} {:>8.3} {a:>7} {b:>7} {c:>7} {:>8} {:>7}",
             format!("{}/{}", s.num_located, s.num_images),
-            100.0 * s.median_position,
+            ruler.number(s.median_position),
             s.median_rotation_deg,
-            recall(2.0),
-            recall(5.0),
-            recall(10.0),
             count(s.median_point_inliers),
             count(s.median_line_inliers),
         );
@@ -61,10 +61,10 @@ pub fn table(evaluation: &Evaluation) -> String {
         let _ = writeln!(out, "{} solver seeds pooled", evaluation.num_seeds);
     }
     if let Some(comparison) = &evaluation.comparison {
-        let _ = writeln!(out, "{comparison}");
+        let _ = writeln!(out, "{}", comparison.text(&ruler));
     }
     if let Some(lines) = &evaluation.lines {
-        let _ = writeln!(out, "{lines}");
+        let _ = writeln!(out, "{}", lines.text(&ruler));
     }
     out
 }
@@ -101,6 +101,7 @@ pub fn to_json(evaluation: &Evaluation, subject: &Subject) -> serde_json::Value 
         "scene": subject.scene,
         "scene_bytes": subject.num_bytes,
         "data": subject.data,
+        "units": evaluation.units.name(),
         "seeds": evaluation.num_seeds,
         "thresholds": thresholds,
         "methods": methods,

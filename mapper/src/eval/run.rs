@@ -21,6 +21,7 @@ use landline::pose::{
 use landline::relocalizer::{
     CreateError, LiveOptions, LocateError, Outcome, Query, Relocalizer, Report,
 };
+use landline::scene_file::Units;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -112,6 +113,8 @@ pub struct EvalOptions<'a> {
     pub lines: Option<&'a LineTruth>,
     /// How often each picture is solved, with seeds of its own.
     pub num_seeds: u64,
+    /// What the world's lengths are told in.
+    pub units: Units,
 }
 
 impl Default for EvalOptions<'_> {
@@ -122,6 +125,7 @@ impl Default for EvalOptions<'_> {
             peer: None,
             lines: None,
             num_seeds: 1,
+            units: Units::Arbitrary,
         }
     }
 }
@@ -141,6 +145,8 @@ pub struct Evaluation {
     pub comparison: Option<Comparison>,
     /// Predicted segments against triangulated ones, over all pictures.
     pub lines: Option<LineAccuracy>,
+    /// Unit of all positions and thresholds.
+    pub units: Units,
 }
 
 /// Names of the scene's own variants, in the order of [`ImageResult::methods`]. The last is there where the scene has landmarks.
@@ -285,6 +291,7 @@ impl<'a> Evaluator<'a> {
             num_seeds: self.options.num_seeds,
             comparison,
             lines,
+            units: self.options.units,
         })
     }
 

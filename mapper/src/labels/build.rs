@@ -1,6 +1,8 @@
 //! Labels without outside tools: from pictures with poses and features to tracks and targets.
 
-use super::{Imported, Labels, MAX_DISTANCE_PX, line_tracks_from_map, point_tracks_from_model};
+use super::{
+    Imported, Labels, MAX_DISTANCE_PX, Origin, line_tracks_from_map, point_tracks_from_model,
+};
 use crate::dataset::DatasetImage;
 use crate::progress::Progress;
 use landline::features::FeatureSet;
@@ -110,12 +112,12 @@ pub struct LabelStats {
 pub fn build(
     images: &[&DatasetImage],
     features: Vec<FeatureSet>,
-    extractor: &str,
+    origin: Origin,
     params: &LabelParams,
     progress: &Progress,
 ) -> Result<(Labels, LabelStats), LabelError> {
     let imported = Imported::default();
-    build_from(images, features, extractor, &imported, params, progress)
+    build_from(images, features, origin, &imported, params, progress)
 }
 
 /// [`build`] with points or lines that came with the data set in place of triangulated ones.
@@ -125,7 +127,7 @@ pub fn build(
 pub fn build_from(
     images: &[&DatasetImage],
     features: Vec<FeatureSet>,
-    extractor: &str,
+    origin: Origin,
     imported: &Imported,
     params: &LabelParams,
     progress: &Progress,
@@ -165,7 +167,7 @@ pub fn build_from(
     };
     stats.count(&map);
     let labels = Labels {
-        extractor: extractor.to_owned(),
+        origin,
         map,
         variants: Vec::new(),
     };

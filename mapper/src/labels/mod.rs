@@ -8,12 +8,14 @@ mod build;
 mod file;
 mod from_model;
 mod import;
+mod origin;
 mod variants;
 
 pub use build::{LabelError, LabelParams, LabelStats, build, build_from};
 pub use file::LabelFileError;
 pub use from_model::{MAX_DISTANCE_PX, line_tracks_from_map, point_tracks_from_model};
 pub use import::Imported;
+pub use origin::Origin;
 pub use variants::{VariantStats, add_variants};
 
 use landline::features::FeatureSet;
@@ -22,8 +24,8 @@ use landline::reconstruction::{Reconstruction, View, ViewTargets};
 /// A map of a place with the pictures that it was made of, and changed copies of them to train on.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Labels {
-    /// Identity of the extractor, as a scene file writes it.
-    pub extractor: String,
+    /// What made the features, and what the world's lengths and directions mean.
+    pub origin: Origin,
     /// Pictures with poses in the data set's order, points and lines.
     pub map: Reconstruction,
     /// Changed copies of the pictures, for training only: no track counts them among its observations.

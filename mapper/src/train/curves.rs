@@ -1,26 +1,36 @@
 //! Loss curves as an SVG picture, drawn from the log.
 
 use crate::plot::{Area, Drawn, GRID, legend, svg};
+use crate::units::Ruler;
 use plotters::coord::ranged1d::ValueFormatter;
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use std::io;
 
-const COLUMNS: [(usize, &str, f64); 4] = [
-    (3, "scene distance, cm", 100.0),
-    (4, "reprojection, px (clamped)", 1.0),
-    (5, "reliability, cross-entropy", 1.0),
-    (9, "held-out pose, cm (mean, clamped)", 100.0),
-];
 const COLORS: [RGBColor; 2] = [RGBColor(31, 111, 180), RGBColor(200, 85, 61)];
 const SIZE: (u32, u32) = (840, 520);
 
-/// Curves of the log's columns: one panel for each, branches in different colours, values on a logarithmic axis.
+/// Columns of the log with a panel each: position, title, factor.
+fn columns(ruler: &Ruler) -> [(usize, String, f64); 4] {
+    let Ruler { factor, symbol, .. } = ruler;
+    [
+        (3, format!("scene distance, {symbol}"), *factor),
+        (4, "reprojection, px (clamped)".to_owned(), 1.0),
+        (5, "reliability, cross-entropy".to_owned(), 1.0),
+        (
+            9,
+            format!("held-out pose, {symbol} (mean, clamped)"),
+            *factor,
+        ),
+    ]
+}
+
+/// Curves of the log's columns, lengths as the ruler tells them: one panel for each, branches in different colours, values on a logarithmic axis.
 ///
 /// # Errors
 ///
 /// When plotting fails.
-pub fn plot(log: &str) -> io::Result<String> {
+pub fn plot(log: &str, ruler: &Ruler) -> io::Result<String> {
     let rows: Vec<Vec<&str>> = log
         .lines()
         .skip(1)
@@ -34,12 +44,13 @@ pub fn plot(log: &str) -> io::Result<String> {
         }
     }
     svg(SIZE, |area| {
-        for (panel, (column, title, factor)) in area.split_evenly((2, 2)).iter().zip(COLUMNS) {
+        for (panel, (column, title, factor)) in area.split_evenly((2, 2)).iter().zip(columns(ruler))
+        {
             let curves: Vec<(&str, Vec<(f64, f64)>)> = branches
                 .iter()
                 .map(|branch| (*branch, curve(&rows, branch, column, factor)))
                 .collect();
-            draw_panel(panel, title, &curves)?;
+            draw_panel(panel, &title, &curves)?;
         }
         Ok(())
     })
@@ -116,12 +127,15 @@ where
 
 #[cfg(test)]
 mod tests {
+    use super::*;
+    use landline::scene_file::Units;
+
     #[test]
     fn draws_a_line_for_each_branch_and_survives_an_empty_log() {
         let log = "branch,step,total,scene_m,reprojection_px,reliability,gradient,rate,seconds,held_out_m\n\
                    keypoints,10,1,0.1,5,0.6,1,0.1,1,0.02\nkeypoints,20,1,0.05,4,0.5,1,0.1,2,\n\
                    segments,10,1,0.2,5,0.6,1,0.1,3,\n";
-        let picture = super::plot(log).expect("plot");
+        let picture = plot(log, &Ruler::of(Units::Metres)).expect("plot");
         // A curve and a name in each of four panels; no held-out pose of the segments.
         assert_eq!(picture.matches("#1F6FB4").count(), 8);
         assert_eq!(picture.matches("#C8553D").count(), 7);
@@ -129,7 +143,9 @@ mod tests {
             assert!(picture.contains(name), "{name}");
         }
         assert!(!picture.contains("NaN"));
-        let empty = super::plot("branch\n").expect("empty plot");
+        let unknown = plot(log, &Ruler::of(Units::Arbitrary)).expect("plot");
+        assert!(unknown.contains("scene distance, units") && !unknown.contains("cm"));
+        let empty = plot("branch\n", &Ruler::of(Units::Metres)).expect("empty plot");
         assert!(empty.ends_with("</svg>\n"));
     }
 }

@@ -2,36 +2,27 @@
 
 use super::buffer::{Buffer, Kind};
 use super::session::{Predicted, Session};
-use crate::eval::{PoseError, solver_options};
+use crate::eval::{PoseError, pose_error};
 use crate::labels::{Labelled, Labels, Targets};
-use landline::front_end::FrontEndOptions;
-use landline::geometry::CamFromWorld;
 use landline::math::stats::median_in_place;
-use landline::models::ExtractorKind;
-use landline::pose::{self, LineCorrespondence, PointCorrespondence, PoseScratch};
-use landline::relocalizer::{LiveOptions, most_confident as most_confident_of};
+use landline::pose::{LineCorrespondence, PointCorrespondence};
+use landline::relocalizer::{LiveOptions, most_confident};
+use landline::scene_file::HeldOut;
 use nalgebra::Vector3;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// Accuracy on pictures that were kept back.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct HeldOut {
-    /// Pictures.
-    pub images: usize,
-    /// Features with a target: median distance to it, metres.
-    pub median_scene_m: f64,
+/// What a branch is worth on pictures that were kept back.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Judgement {
+    /// Poses of this branch alone.
+    pub poses: HeldOut,
+    /// Features with a target: median distance to it, world units.
+    pub median_scene: f64,
     /// Of the features that the solver gets: share that reprojects within 6 px.
     pub share_within_6px: f64,
     /// Of the same: median reprojection error in pixels.
     pub median_px: f64,
-    /// Median distance of the camera positions of this branch alone; infinite where most pictures have no pose.
-    pub median_position_m: f64,
-    /// Median angle.
-    pub median_rotation_deg: f64,
-    /// Share of pictures within 5 cm and 5 degrees.
-    pub recall_5cm_5deg: f64,
     /// Mean position error, those beyond a tenth of the scene's scale counting as that: what training is judged by.
     pub score: f64,
 }
@@ -50,7 +41,7 @@ pub fn judge(
     labels: &Labels,
     targets: &Targets,
     held: &Range<usize>,
-) -> Option<HeldOut> {
+) -> Option<Judgement> {
     let images: Vec<Labelled<'_>> = labels
         .pictures(targets)
         .skip(held.start)
@@ -68,7 +59,7 @@ pub fn judge(
     let (mut distances, mut errors) = (Vec::new(), Vec::new());
     let mut chosen = Vec::with_capacity(images.len());
     for (i, p) in predictions.iter().enumerate() {
-        let best = most_confident(kind, p);
+        let best = chosen_rows(kind, p);
         errors.extend(best.iter().map(|k| f64::from(p.reprojection_px[*k])));
         chosen.push(best);
         distances.extend(
@@ -82,58 +73,45 @@ pub fn judge(
     let poses: Vec<Option<PoseError>> = images
         .par_iter()
         .zip(predictions.par_iter().zip(&chosen))
-        .map(|(image, (p, best))| {
-            let found = solve(kind, image, p, best, &session.scale.centre)?;
-            Some(PoseError::between(&found, &image.view.cam_from_world?))
-        })
+        .map(|(image, (p, best))| solve(labels, kind, image, p, best, &session.scale.centre))
         .collect();
     let far = 0.1 * session.scale.scale;
     let position = |e: &Option<PoseError>| e.map_or(f64::INFINITY, |e| e.position);
     let median = |mut values: Vec<f64>| median_in_place(&mut values).unwrap_or(0.0);
     let share = |count: usize, of: usize| count as f64 / of.max(1) as f64;
-    Some(HeldOut {
-        images: images.len(),
+    let pairs: Vec<_> = poses
+        .iter()
+        .map(|e| e.map(|e| (e.position, e.rotation_deg)))
+        .collect();
+    Some(Judgement {
+        poses: HeldOut::of(&pairs, labels.origin.units),
         share_within_6px: share(errors.iter().filter(|e| **e <= 6.0).count(), errors.len()),
-        median_scene_m: median(distances),
+        median_scene: median(distances),
         median_px: median(errors),
-        median_position_m: median(poses.iter().map(position).collect()),
-        median_rotation_deg: median(
-            poses
-                .iter()
-                .map(|e| e.map_or(f64::INFINITY, |e| e.rotation_deg))
-                .collect(),
-        ),
-        recall_5cm_5deg: share(
-            poses
-                .iter()
-                .flatten()
-                .filter(|e| e.position < 0.05 && e.rotation_deg < 5.0)
-                .count(),
-            poses.len(),
-        ),
         score: poses.iter().map(|e| position(e).min(far)).sum::<f64>() / poses.len() as f64,
     })
 }
 
 /// The features that the relocalizer would pass to the solver.
-fn most_confident(kind: Kind, p: &Predicted) -> Vec<usize> {
+fn chosen_rows(kind: Kind, p: &Predicted) -> Vec<usize> {
     let options = LiveOptions::default();
     let most = match kind {
         Kind::Points => options.max_points,
         Kind::Segments => options.max_lines,
     };
     let mut order = Vec::new();
-    most_confident_of(p.confidence.iter().copied(), most, &mut order);
-    order.into_iter().map(|(_, row)| row).collect()
+    most_confident(p.confidence.iter().copied(), most, &mut order);
+    order.into_iter().map(|(_, k)| k).collect()
 }
 
 fn solve(
+    labels: &Labels,
     kind: Kind,
     image: &Labelled<'_>,
     p: &Predicted,
     chosen: &[usize],
     centre: &Vector3<f64>,
-) -> Option<CamFromWorld> {
+) -> Option<PoseError> {
     let world = |at: usize| {
         let c = &p.coordinates[at..at + 3];
         centre + Vector3::new(f64::from(c[0]), f64::from(c[1]), f64::from(c[2]))
@@ -158,21 +136,7 @@ fn solve(
         Kind::Points => (chosen.iter().map(points).collect(), Vec::new()),
         Kind::Segments => (Vec::new(), chosen.iter().map(lines).collect()),
     };
-    let max_side = FrontEndOptions::new(ExtractorKind::Xfeat).max_side;
-    let camera = &image.view.camera;
-    let solver = solver_options(
-        &LiveOptions::default().pose,
-        max_side,
-        camera.width,
-        camera.height,
-    );
-    // A picture that the solver refuses has no pose; training goes on.
-    let mut scratch = PoseScratch::new();
-    let mut clock = || 0.0;
-    pose::estimate(&points, &lines, camera, &solver, &mut scratch, &mut clock)
-        .ok()?
-        .located()
-        .map(|e| e.cam_from_world)
+    pose_error(labels, image.view, &points, &lines)
 }
 
 #[cfg(test)]

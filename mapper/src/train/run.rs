@@ -4,12 +4,13 @@
 //! interrupted goes on from its checkpoint with `resume`, and ends with the same tensors as one that was not.
 
 use super::buffer::{Buffer, Kind};
-use super::held_out::{HeldOut, held_range, judge};
+use super::held_out::{Judgement, held_range, judge};
 use super::recipe::{self, Recipe};
 use super::session::{BranchConfig, Session, StepReport};
 use super::{checkpoint, curves};
 use crate::files;
 use crate::labels::{Labelled, Labels, Targets};
+use crate::units::Ruler;
 use burn::tensor::Device;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use landline::geometry::SceneScale;
@@ -120,9 +121,9 @@ pub struct Judged {
     /// Which branch.
     pub kind: Kind,
     /// Before the first step.
-    pub start: HeldOut,
+    pub start: Judgement,
     /// What is delivered.
-    pub delivered: HeldOut,
+    pub delivered: Judgement,
     /// Step that it is from.
     pub step: usize,
 }
@@ -139,6 +140,8 @@ pub struct Trained {
     pub scale: SceneScale,
     /// In the configuration's order.
     pub tensors: Vec<NamedTensor>,
+    /// The pictures of the labels that were kept back.
+    pub held: Range<usize>,
     /// Held-out numbers of each branch.
     pub held_out: Vec<Judged>,
     /// Training alone.
@@ -264,7 +267,7 @@ pub fn train(
                     bar.set_length(session.end() as u64);
                 }
             }
-            bar.set_message(message(&mean, session));
+            bar.set_message(message(&mean, session, labels));
             if step.is_multiple_of(10) || is_last || held_out_m.is_some() {
                 let _ = writeln!(
                     log,
@@ -285,7 +288,8 @@ pub fn train(
             if step.is_multiple_of(CHECKPOINT_EVERY) || is_last || is_stopped {
                 files::write_bytes(&folder.join("log.csv"), log.as_bytes())
                     .map_err(folder_error)?;
-                let curves = curves::plot(&log).map_err(folder_error)?;
+                let curves =
+                    curves::plot(&log, &Ruler::of(labels.origin.units)).map_err(folder_error)?;
                 files::write_bytes(&folder.join("curves.svg"), curves.as_bytes())
                     .map_err(folder_error)?;
                 checkpoint::write(&checkpoint_path, &sessions, seconds()).map_err(folder_error)?;
@@ -318,6 +322,7 @@ pub fn train(
         config: whole(&sessions),
         scale,
         tensors,
+        held,
         held_out,
         seconds: seconds(),
         steps: sessions.iter().map(|s| (s.config.kind(), s.step)).collect(),
@@ -341,13 +346,14 @@ fn taught<'a>(
         .map(|(_, labelled)| labelled)
 }
 
-fn message(mean: &StepReport, session: &Session) -> String {
+fn message(mean: &StepReport, session: &Session, labels: &Labels) -> String {
+    let ruler = Ruler::of(labels.origin.units);
     let held_out = session.best.as_ref().map_or(String::new(), |best| {
-        format!("  best held-out pose {:.2} cm", 100.0 * best.score)
+        format!("  best held-out pose {}", ruler.text(best.score))
     });
     format!(
-        "{:.1} cm  {:.1} px  reliability {:.3}{held_out}",
-        100.0 * mean.scene_m,
+        "{}  {:.1} px  reliability {:.3}{held_out}",
+        ruler.text(mean.scene_m),
         mean.reprojection_px,
         mean.reliability
     )

@@ -10,7 +10,7 @@ use landline::reconstruction::{PointTrack, Reconstruction};
 use landline::scene_file::ExtractorFile;
 use landline_mapper::dataset::{DatasetImage, Split};
 use landline_mapper::extract::Extraction;
-use landline_mapper::labels::Labels;
+use landline_mapper::labels::{Labels, Origin};
 use landline_mapper::progress::Progress;
 use landline_testkit::skip;
 use nalgebra::Vector3;
@@ -186,6 +186,10 @@ fn an_export_that_does_not_fit_leaves_the_old_file() {
     let folder = Folder::new();
     let points = (0..2000).map(|i| Vector3::new(f64::from(i), 0.0, 1.0));
     let labels = Labels {
+        origin: Origin {
+            extractor_sha256: "ab".repeat(32),
+            ..Origin::default()
+        },
         map: Reconstruction {
             points: points.map(|p| PointTrack::new(p, Vec::new())).collect(),
             ..Reconstruction::default()

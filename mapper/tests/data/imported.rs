@@ -1,8 +1,9 @@
 //! Labels from points and lines that came with the data set.
 
 use crate::room::{Room, room};
+use landline::scene_file::Units;
 use landline_mapper::dataset::{Dataset, DatasetImage, ModelLine, ModelPoint};
-use landline_mapper::labels::{Imported, LabelParams, LabelStats, Labels, build_from};
+use landline_mapper::labels::{Imported, LabelParams, LabelStats, Labels, Origin, build_from};
 use landline_mapper::progress::Progress;
 
 /// The room as a reader would deliver it, with its exact points seen at exact pixels, and its exact lines.
@@ -20,6 +21,8 @@ fn dataset(room: &Room) -> Dataset {
         images: room.images.clone(),
         dropped: Vec::new(),
         notes: Vec::new(),
+        units: Units::Metres,
+        gravity: None,
         points: room
             .points
             .iter()
@@ -69,7 +72,7 @@ fn labels(
     build_from(
         &images,
         features,
-        "synthetic",
+        Origin::default(),
         &imported,
         &LabelParams::default(),
         &Progress::Hidden,

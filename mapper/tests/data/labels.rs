@@ -3,7 +3,7 @@
 use crate::room::{Room, room};
 use landline::geometry::{CamFromWorld, Rigid};
 use landline_mapper::dataset::DatasetImage;
-use landline_mapper::labels::{LabelError, LabelParams, LabelStats, Labels, build};
+use landline_mapper::labels::{LabelError, LabelParams, LabelStats, Labels, Origin, build};
 use landline_mapper::progress::Progress;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
@@ -12,7 +12,7 @@ fn run(room: Room) -> Result<(Labels, LabelStats), LabelError> {
     build(
         &images,
         room.features,
-        "synthetic",
+        Origin::default(),
         &LabelParams::default(),
         &Progress::Hidden,
     )

@@ -37,7 +37,7 @@ fn a_resumed_run_ends_as_a_whole_one() {
         let whole_folder = folder(&format!("whole-{name}"));
         let whole = run(&options, &whole_folder, false, usize::MAX).expect("trains");
         assert_eq!(whole.held_out.len(), 2);
-        assert_eq!(whole.held_out[0].delivered.images, 2);
+        assert_eq!(whole.held_out[0].delivered.poses.num_images, 2);
 
         // Once in the first branch, between two judgements, and once in the second.
         let cut_folder = folder(&format!("cut-{name}"));

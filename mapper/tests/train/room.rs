@@ -4,7 +4,8 @@ use landline::features::{FeatureSet, Keypoint};
 use landline::geometry::{CamFromWorld, Camera, Pixel, Segment2};
 use landline::math::Rng;
 use landline::reconstruction::{LineTrack, Observation, PointTrack, Reconstruction, View};
-use landline_mapper::labels::{LabelledVariant, Labels};
+use landline::scene_file::Units;
+use landline_mapper::labels::{LabelledVariant, Labels, Origin};
 use nalgebra::Vector3;
 
 /// Numbers in a descriptor: XFeat's, so that a scene file takes the network.
@@ -49,7 +50,11 @@ pub(crate) fn labels(num_images: usize) -> Labels {
             .collect()
     };
     let mut labels = Labels {
-        extractor: "test".to_owned(),
+        origin: Origin {
+            extractor_sha256: "0".repeat(64),
+            units: Units::Metres,
+            ..Origin::default()
+        },
         map: Reconstruction {
             points: (0..NUM_POINTS - 1)
                 .map(|i| PointTrack {

@@ -1,7 +1,7 @@
 //! Labels on disk: one safetensors file, all pictures' rows concatenated, descriptors as f16.
 //!
-//! Counts per picture and track say where rows belong; names and cameras are JSON in the header. Version 1 had targets too,
-//! which are the observations the other way round; it is still read.
+//! Counts per picture and track say where rows belong; names, cameras and where the labels are from are JSON in the
+//! header.
 
 mod read;
 mod write;
@@ -11,8 +11,11 @@ use serde::{Deserialize, Serialize};
 use std::io;
 use std::path::PathBuf;
 
-const FORMAT: &str = "landline labels 2";
-const FORMAT_1: &str = "landline labels 1";
+/// Before the version in the container's `format`.
+const FORMAT: &str = "landline labels";
+/// The version that is written, and the only one that is read: files of versions 1 and 2 say neither what their units are
+/// nor which checkpoint their features are of.
+const VERSION: u32 = 3;
 
 /// Why a label file could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -33,6 +36,41 @@ pub enum LabelFileError {
         /// What the reader said.
         source: safetensors::SafeTensorError,
     },
+    /// Labels of another version of this tool.
+    #[error(
+        "label file {path}: `format` is version {found}, this tool reads version {VERSION}; make it again with `landline labels`"
+    )]
+    Version {
+        /// The file.
+        path: PathBuf,
+        /// Its version.
+        found: String,
+    },
+    /// The features are not of the extractor that they are to be used with.
+    #[error(
+        "label file {path}: `extractor` is {labels}, the loaded weights are {loaded}; load the matching weights, or make \
+         the labels again with these"
+    )]
+    WrongExtractor {
+        /// The file.
+        path: PathBuf,
+        /// Name and checkpoint of the extractor of the labels.
+        labels: String,
+        /// Of the one that is loaded.
+        loaded: String,
+    },
+    /// A value of the header that cannot be understood.
+    #[error("label file {path}: `{field}` is {found}: {expected}")]
+    Value {
+        /// The file.
+        path: PathBuf,
+        /// Key in the header.
+        field: &'static str,
+        /// Its value.
+        found: String,
+        /// What it should be.
+        expected: &'static str,
+    },
     /// The container is sound, its content is not what this version writes.
     #[error("label file {path}: {what}; make it again with `landline labels`")]
     Content {
@@ -46,6 +84,12 @@ pub enum LabelFileError {
 #[derive(Serialize, Deserialize)]
 struct Header {
     extractor: String,
+    extractor_sha256: String,
+    working_max_side: u32,
+    units: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    gravity: Option<[f64; 3]>,
+    source: String,
     samples_per_segment: usize,
     images: Vec<ImageHeader>,
 }
@@ -65,12 +109,15 @@ struct ImageHeader {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{LabelledVariant, Labels};
+    use super::super::{LabelledVariant, Labels, Origin};
     use super::*;
     use landline::features::{FeatureSet, Keypoint};
     use landline::geometry::{CamFromWorld, Camera, Pixel, Segment2};
+    use landline::models::ExtractorKind;
     use landline::reconstruction::{LineTrack, Observation, PointTrack, Reconstruction, View};
+    use landline::scene_file::Units;
     use nalgebra::Vector3;
+    use safetensors::SafeTensors;
 
     fn keypoint(x: f64, y: f64, score: f32) -> Keypoint {
         Keypoint {
@@ -137,7 +184,14 @@ mod tests {
             features: map.views[0].features.clone(),
         }];
         Labels {
-            extractor: "test".to_owned(),
+            origin: Origin {
+                extractor: ExtractorKind::Xfeat,
+                extractor_sha256: "ab".repeat(32),
+                working_max_side: 640,
+                units: Units::Metres,
+                gravity: Some(Vector3::new(0.0, -1.0, 0.0)),
+                source: "two pictures".to_owned(),
+            },
             map,
             variants,
         }
@@ -161,6 +215,98 @@ mod tests {
             Labels::read(&path),
             Err(LabelFileError::Container { .. })
         ));
+        std::fs::remove_file(&path).expect("exists");
+    }
+
+    /// A label file whose header entries were changed by `change`.
+    fn changed(name: &str, change: impl Fn(&mut serde_json::Value, &mut String)) -> PathBuf {
+        let path = std::env::temp_dir().join(format!("labels-{name}-{}.st", std::process::id()));
+        sample().write(&path).expect("writable");
+        let bytes = std::fs::read(&path).expect("exists");
+        let (_, metadata) = SafeTensors::read_metadata(&bytes).expect("just written");
+        let mut entries = metadata.metadata().clone().expect("has entries");
+        let mut header = serde_json::from_str(&entries["labels"]).expect("JSON");
+        let mut format = entries["format"].clone();
+        change(&mut header, &mut format);
+        entries.insert("labels".to_owned(), header.to_string());
+        entries.insert("format".to_owned(), format);
+        let file = SafeTensors::deserialize(&bytes).expect("just written");
+        let bytes = safetensors::serialize(file.tensors(), Some(entries)).expect("as before");
+        std::fs::write(&path, bytes).expect("writable");
+        path
+    }
+
+    #[test]
+    fn values_that_are_none_are_refused_by_file_field_and_value() {
+        for (field, value, shown) in [
+            ("units", serde_json::json!("feet"), "feet"),
+            (
+                "gravity",
+                serde_json::json!([0.0, 0.0, 0.0]),
+                "[0.0, 0.0, 0.0]",
+            ),
+            (
+                "gravity",
+                serde_json::json!([0.0, 1e300, 0.0]),
+                "[0.0, 1e300, 0.0]",
+            ),
+            ("extractor", serde_json::json!("sift"), "sift"),
+            ("extractor_sha256", serde_json::json!("zz"), "zz"),
+            ("working_max_side", serde_json::json!(0), "0"),
+        ] {
+            let path = changed(field, |header, _| header[field] = value.clone());
+            let error = Labels::read(&path).expect_err("must refuse");
+            let LabelFileError::Value {
+                field: f, found, ..
+            } = &error
+            else {
+                panic!("{field}: {error}");
+            };
+            assert_eq!((*f, found.as_str()), (field, shown));
+            assert!(error.to_string().contains(&path.display().to_string()));
+            std::fs::remove_file(&path).expect("exists");
+        }
+    }
+
+    #[test]
+    fn labels_of_an_older_version_are_refused_by_it() {
+        for version in ["1", "2", "4"] {
+            let path = changed("old", |_, format| {
+                *format = format!("landline labels {version}");
+            });
+            let error = Labels::read(&path).expect_err("must refuse");
+            assert!(
+                matches!(&error, LabelFileError::Version { found, .. } if found == version),
+                "{error}"
+            );
+            assert!(error.to_string().contains("`landline labels`"), "{error}");
+            std::fs::remove_file(&path).expect("exists");
+        }
+        let path = changed("other", |_, format| *format = "pictures".to_owned());
+        let error = Labels::read(&path).expect_err("must refuse");
+        assert!(matches!(error, LabelFileError::Content { .. }), "{error}");
+        std::fs::remove_file(&path).expect("exists");
+    }
+
+    #[test]
+    fn labels_of_another_extractor_are_refused() {
+        let path = changed("extractor", |_, _| {});
+        let read = |kind, sha: &str| Labels::read_for(&path, kind, &sha.repeat(32));
+        assert_eq!(
+            read(ExtractorKind::Xfeat, "ab").expect("the same"),
+            sample()
+        );
+        for (kind, sha) in [
+            (ExtractorKind::Xfeat, "cd"),
+            (ExtractorKind::SuperPointOpen, "ab"),
+        ] {
+            let error = read(kind, sha).expect_err("must refuse");
+            assert!(matches!(error, LabelFileError::WrongExtractor { .. }));
+            let text = error.to_string();
+            for part in ["xfeat", kind.name(), &path.display().to_string()] {
+                assert!(text.contains(part), "{text}");
+            }
+        }
         std::fs::remove_file(&path).expect("exists");
     }
 
@@ -188,32 +334,5 @@ mod tests {
         );
         refused(|l| l.variants[0].of_view = 5, "a variant of picture 5");
         std::fs::remove_file(&path).expect("written by the first two");
-    }
-
-    /// A file of another version says which, and what to do.
-    #[test]
-    fn names_the_format_that_it_does_not_read() {
-        let path = std::env::temp_dir().join(format!("labels-3-{}.st", std::process::id()));
-        sample().write(&path).expect("writable");
-        let bytes = std::fs::read(&path).expect("exists");
-        let text = String::from_utf8_lossy(&bytes);
-        let at = text.find("landline labels 2").expect("the format");
-        for (digit, is_read) in [(b'1', true), (b'3', false)] {
-            let mut other = bytes.clone();
-            other[at + "landline labels ".len()] = digit;
-            std::fs::write(&path, &other).expect("writable");
-            match Labels::read(&path) {
-                Ok(labels) => assert!(is_read && labels == sample()),
-                Err(e) => {
-                    let message = e.to_string();
-                    let what = ["landline labels 3", "`landline labels`"];
-                    assert!(
-                        !is_read && what.iter().all(|w| message.contains(w)),
-                        "{message}"
-                    );
-                }
-            }
-        }
-        std::fs::remove_file(&path).expect("exists");
     }
 }

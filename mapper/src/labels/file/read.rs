@@ -1,11 +1,13 @@
 //! Label file to labels, with every count checked.
 
-use super::super::{LabelledVariant, Labels};
-use super::{FORMAT, FORMAT_1, Header, LabelFileError};
+use super::super::{LabelledVariant, Labels, Origin};
+use super::{FORMAT, Header, LabelFileError, VERSION};
 use half::f16;
 use landline::features::{FeatureSet, Keypoint};
 use landline::geometry::{CamFromWorld, Pixel, Segment2};
+use landline::models::ExtractorKind;
 use landline::reconstruction::{LineTrack, Observation, PointTrack, Reconstruction, View};
+use landline::scene_file::Units;
 use nalgebra::{Matrix3, Vector3};
 use safetensors::tensor::{Dtype, SafeTensors};
 use std::path::Path;
@@ -30,23 +32,93 @@ impl Labels {
         };
         let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(container)?;
         let entries = metadata.metadata().clone().unwrap_or_default();
-        // Version 1 has targets beside the observations that say the same: they are not read.
-        match entries.get("format").map(String::as_str) {
-            Some(FORMAT | FORMAT_1) => {}
-            Some(other) => {
-                return Err(content(format!(
-                    "its format is `{other}`; this version reads `{FORMAT}` and `{FORMAT_1}`"
-                )));
-            }
-            None => return Err(content("it has no entry `format`".to_owned())),
+        let version = entries
+            .get("format")
+            .and_then(|format| format.strip_prefix(FORMAT))
+            .ok_or_else(|| content(format!("its `format` is not `{FORMAT}`")))?
+            .trim();
+        if version != VERSION.to_string() {
+            return Err(LabelFileError::Version {
+                path: path.to_owned(),
+                found: version.to_owned(),
+            });
         }
         let header: Header = entries
             .get("labels")
             .ok_or_else(|| content("its header has no entry `labels`".to_owned()))
             .and_then(|json| serde_json::from_str(json).map_err(|e| content(e.to_string())))?;
+        let origin = origin(&header).map_err(|(field, found, expected)| LabelFileError::Value {
+            path: path.to_owned(),
+            field,
+            found,
+            expected,
+        })?;
         let file = SafeTensors::deserialize(&bytes).map_err(container)?;
-        Columns { file: &file }.labels(header).map_err(content)
+        let labels = Columns { file: &file }.labels(header);
+        labels
+            .map(|labels| Self { origin, ..labels })
+            .map_err(content)
     }
+
+    /// [`Self::read`] of labels whose features have to be of the extractor with this checkpoint.
+    ///
+    /// # Errors
+    /// As [`Self::read`], and [`LabelFileError::WrongExtractor`].
+    pub fn read_for(
+        path: &Path,
+        extractor: ExtractorKind,
+        sha256: &str,
+    ) -> Result<Self, LabelFileError> {
+        let labels = Self::read(path)?;
+        if labels.origin.is_of(extractor, sha256) {
+            return Ok(labels);
+        }
+        let told = |name: &str, sha256: &str| format!("{name} ({sha256})");
+        Err(LabelFileError::WrongExtractor {
+            path: path.to_owned(),
+            labels: told(
+                labels.origin.extractor.name(),
+                &labels.origin.extractor_sha256,
+            ),
+            loaded: told(extractor.name(), sha256),
+        })
+    }
+}
+
+/// What a header says of its labels' origin, or which field holds what in place of what.
+fn origin(header: &Header) -> Result<Origin, (&'static str, String, &'static str)> {
+    let extractor = ExtractorKind::from_name(&header.extractor).ok_or_else(|| {
+        (
+            "extractor",
+            header.extractor.clone(),
+            "not a known extractor",
+        )
+    })?;
+    let sha256 = &header.extractor_sha256;
+    if sha256.len() != 64 || !sha256.bytes().all(|b| b.is_ascii_hexdigit()) {
+        let expected = "expected the SHA-256 of a checkpoint, 64 hexadecimal digits";
+        return Err(("extractor_sha256", sha256.clone(), expected));
+    }
+    if !(16..=8192).contains(&header.working_max_side) {
+        let found = header.working_max_side.to_string();
+        return Err(("working_max_side", found, "expected 16 to 8192 pixels"));
+    }
+    let units = Units::from_name(&header.units)
+        .ok_or_else(|| ("units", header.units.clone(), "expected `m` or `arbitrary`"))?;
+    let gravity = header.gravity.map(Vector3::from);
+    if let Some(g) = header.gravity
+        && (Vector3::from(g).norm() - 1.0).abs() > 1e-3
+    {
+        return Err(("gravity", format!("{g:?}"), "must be a unit vector"));
+    }
+    Ok(Origin {
+        extractor,
+        extractor_sha256: sha256.clone(),
+        working_max_side: header.working_max_side,
+        units,
+        gravity,
+        source: header.source.clone(),
+    })
 }
 
 struct Columns<'a> {
@@ -155,7 +227,7 @@ impl<'a> Columns<'a> {
             views,
         };
         Ok(Labels {
-            extractor: header.extractor,
+            origin: Origin::default(),
             map,
             variants,
         })

@@ -1,7 +1,7 @@
 //! Labels to a label file.
 
 use super::super::Labels;
-use super::{FORMAT, Header, ImageHeader, LabelFileError};
+use super::{FORMAT, Header, ImageHeader, LabelFileError, VERSION};
 use crate::files;
 use half::f16;
 use landline::features::FeatureSet;
@@ -102,7 +102,7 @@ impl Labels {
         })?;
         let header_json = serde_json::to_string(&header).map_err(|e| io_error(e.into()))?;
         let metadata = HashMap::from([
-            ("format".to_owned(), FORMAT.to_owned()),
+            ("format".to_owned(), format!("{FORMAT} {VERSION}")),
             ("labels".to_owned(), header_json),
         ]);
         let columns = self.columns();
@@ -153,7 +153,12 @@ impl Labels {
             })
             .collect::<Result<_, String>>()?;
         Ok(Header {
-            extractor: self.extractor.clone(),
+            extractor: self.origin.extractor.name().to_owned(),
+            extractor_sha256: self.origin.extractor_sha256.clone(),
+            working_max_side: self.origin.working_max_side,
+            units: self.origin.units.name().to_owned(),
+            gravity: self.origin.gravity.map(Into::into),
+            source: self.origin.source.clone(),
             samples_per_segment: self.map.tokens(),
             images,
         })

@@ -1,10 +1,11 @@
 /** Errors against known poses: statistics, curves, and the table as text. */
-import { invert } from "./poses.js";
+import { invertRigid } from "landline";
+import { length } from "./panels.js";
 
 /** Distance of the camera positions and angle between the rotations in degrees. */
 export function poseError(estimated, known) {
-  const e = invert(estimated);
-  const k = invert(known);
+  const e = invertRigid(estimated);
+  const k = invertRigid(known);
   const distance = Math.hypot(e[3] - k[3], e[7] - k[7], e[11] - k[11]);
   // Rotation of one against the other; the angle from sine and cosine stays exact near zero.
   const d = (r, c) => [0, 1, 2].reduce((sum, i) => sum + estimated[4 * r + i] * known[4 * c + i], 0);
@@ -20,10 +21,13 @@ export function median(values) {
   return sorted.length % 2 ? sorted[middle] : (sorted[middle - 1] + sorted[middle]) / 2;
 }
 
-/** What is reported. Pictures that were not located count as infinitely wrong. */
+/** Pairs of world length and degrees within which pictures are counted. */
+const thresholds = [[0.02, 2], [0.05, 5], [0.1, 5]];
+
+/** What is reported, distances in units of the world. Pictures that were not located count as infinitely wrong. */
 export function summary(rows) {
   const known = rows.filter((row) => row.hasTruth);
-  const recall = (metres, degrees) => known.filter((row) => row.located && row.distance <= metres && row.degrees <= degrees).length / Math.max(1, known.length);
+  const recall = (distance, degrees) => known.filter((row) => row.located && row.distance <= distance && row.degrees <= degrees).length / Math.max(1, known.length);
   const finite = (key) => known.map((row) => (row.located ? row[key] : Infinity));
   return {
     pictures: rows.length,
@@ -31,15 +35,13 @@ export function summary(rows) {
     located: rows.filter((row) => row.located).length,
     medianDistance: median(finite("distance")),
     medianDegrees: median(finite("degrees")),
-    recall2cm2deg: recall(0.02, 2),
-    recall5cm5deg: recall(0.05, 5),
-    recall10cm5deg: recall(0.1, 5),
+    recalls: thresholds.map(([distance, degrees]) => ({ distance, degrees, share: recall(distance, degrees) })),
     medianMs: median(rows.map((row) => row.ms)),
   };
 }
 
-/** Share of pictures below an error, for both errors. */
-export function drawPlot(canvas, rows) {
+/** Share of pictures below an error, for both errors; `metric` where the world is in metres. */
+export function drawPlot(canvas, rows, metric) {
   const context = canvas.getContext("2d");
   const { width, height } = canvas;
   context.clearRect(0, 0, width, height);
@@ -77,7 +79,7 @@ export function drawPlot(canvas, rows) {
   curve("distance", 0.2, "#ffb057", []);
   curve("degrees", 10, "#62b6ff", [6, 4]);
   for (let i = 1; i <= 4; i++) {
-    context.fillText(`${5 * i} cm · ${(2.5 * i).toFixed(1)}°`, pad.left + (w * i) / 4 - (i === 4 ? 78 : 36), height - 12);
+    context.fillText(`${length(0.05 * i, metric)} · ${(2.5 * i).toFixed(1)}°`, pad.left + (w * i) / 4 - (i === 4 ? 78 : 36), height - 12);
   }
   context.fillStyle = "#ffb057";
   context.fillText("position (solid)", pad.left + w - 210, pad.top + h - 12);

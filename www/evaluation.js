@@ -78,7 +78,7 @@ async function evaluate(item, index, run) {
     };
   } catch (error) {
     if (run === state.run) frameFailed(error, item.name);
-    return error.code === "panicked" ? undefined : { ...row, failed: error.message };
+    return error.code === "engine-defect" ? undefined : { ...row, failed: error.message };
   }
 }
 

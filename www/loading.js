@@ -86,9 +86,9 @@ export function frameFailed(error, name) {
   if (!state.result) showEmpty("Cannot use this", `${sentence(error.message)} ${error.hint ?? ""}`);
   $("stage-tag").hidden = !name;
   $("stage-tag").textContent = name;
-  if (error.code !== "panicked" && error.code !== "disposed") return;
+  if (error.code !== "engine-defect" && error.code !== "disposed") return;
   problem(error);
   setPlaying(false);
   // The instance is lost, the page is not: load the same scene again.
-  if (error.code === "panicked" && state.scene) void loadScene(state.scene.source, state.scene.name, state.scene.isSample);
+  if (error.code === "engine-defect" && state.scene) void loadScene(state.scene.source, state.scene.name, state.scene.isSample);
 }

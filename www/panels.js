@@ -64,7 +64,8 @@ export function status(kind, word, detail) {
 }
 
 /** The result in words. `error` is set where the true pose is known. */
-export function showResult(result, metric, error) {
+export function showResult(result, error) {
+  const metric = result.units === "metres";
   const q = result.quality;
   if (result.located) {
     const parts = [];
@@ -118,7 +119,7 @@ function showFacts(result, metric, error) {
   rows.push(["Detected", `${q.keypoints} points, ${q.segments} lines`]);
   if (result.placement) {
     const { x, y, z } = result.placement.position;
-    rows.unshift(["Position", [x, y, z].map((v) => v.toFixed(3)).join("  ") + (metric ? " m" : "")]);
+    rows.unshift(["Position", [x, y, z].map((v) => v.toFixed(3)).join("  ") + (metric ? " m" : " units")]);
     rows.push(["Error in picture", `${q.medianErrorPx.toFixed(2)} px median`]);
     if (q.sigmaPosition !== undefined) rows.push(["Uncertainty", `${length(q.sigmaPosition, metric)}, ${((q.sigmaRotationRad * 180) / Math.PI).toFixed(2)}°`]);
     rows.push(["Confidence", q.confidence.toFixed(2)]);
@@ -141,14 +142,22 @@ export function facts(list, rows) {
   list.replaceChildren(...nodes);
 }
 
+/** Accuracy on pictures that the scene was not taught. */
+function accuracy({ pictures, notLocated, medianPosition, medianRotationDeg }, metric) {
+  const located = `${pictures - notLocated} of ${pictures} held-out pictures located`;
+  return medianPosition === undefined ? located : `${length(medianPosition, metric)}, ${medianRotationDeg.toFixed(2)}° in the median; ${located}`;
+}
+
 export function showScene(info, name) {
+  const metric = info.units === "metres";
   const rows = [
     ["Name", name],
     ["Network", `${info.variant}, ${info.preset}`],
     ["Extractor", info.extractor],
     ["Size", bytes(info.bytes)],
-    ["Units", info.units === "metres" ? "metres" : "scene units"],
+    ["Units", metric ? "metres" : "unknown; lengths are in units of the scene"],
   ];
+  if (info.heldOut) rows.push(["Accuracy", accuracy(info.heldOut, metric)]);
   if (info.licence) rows.push(["Licence", info.licence]);
   if (info.created) rows.push(["Made", info.created]);
   facts($("scene-facts"), rows);
@@ -218,7 +227,8 @@ export function problem(error) {
     "asset-mime": "The engine could not be loaded",
     unsupported: "This browser cannot do it",
     "bad-input": "This cannot be used",
-    panicked: "The engine stopped",
+    "engine-version": "The engine and the page are of different versions",
+    "engine-defect": "The engine stopped",
     "out-of-memory": "Out of memory",
   }[error?.code] ?? "Something went wrong";
   $("problem-title").textContent = title;

@@ -1,4 +1,5 @@
 /** Known poses from the files that data sets come with. All are turned into `cameraFromWorld`, row-major, here. */
+import { invertRigid } from "landline";
 
 /** @typedef {{ cameraFromWorld: Float64Array, focal?: number, intrinsics?: object }} KnownPose */
 
@@ -12,17 +13,6 @@ export function fromQuaternion(w, x, y, z, tx, ty, tz) {
     2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y), tz,
     0, 0, 0, 1,
   );
-}
-
-/** Inverse of a rigid row-major 4x4. */
-export function invert(m) {
-  const inverse = new Float64Array(16);
-  for (let r = 0; r < 3; r++) {
-    for (let c = 0; c < 3; c++) inverse[4 * r + c] = m[4 * c + r];
-    inverse[4 * r + 3] = -(m[r] * m[3] + m[4 + r] * m[7] + m[8 + r] * m[11]);
-  }
-  inverse[15] = 1;
-  return inverse;
 }
 
 const baseName = (path) => path.split("/").pop();
@@ -43,7 +33,7 @@ export function parseList(text) {
     if (rest.length === 0 || name.startsWith("#")) continue;
     const numbers = rest.map(Number);
     let pose;
-    if (numbers.length === 16) pose = { cameraFromWorld: invert(numbers) };
+    if (numbers.length === 16) pose = { cameraFromWorld: invertRigid(numbers) };
     else if (numbers.length === 7) pose = { cameraFromWorld: fromQuaternion(...numbers) };
     else if (numbers.length === 8 && numbers[7] > 0) pose = { cameraFromWorld: fromQuaternion(...numbers.slice(0, 7)), focal: numbers[7] };
     if (pose && usable(pose)) poses.set(baseName(name), pose);
@@ -95,7 +85,7 @@ export function parseCameras(text) {
 /** One row-major camera-to-world matrix, as 7-Scenes has beside each picture. */
 export function parseMatrix(text) {
   const numbers = text.trim().split(/[\s,]+/).map(Number);
-  const pose = { cameraFromWorld: invert(numbers) };
+  const pose = { cameraFromWorld: invertRigid(numbers) };
   return numbers.length === 16 && usable(pose) ? pose : undefined;
 }
 

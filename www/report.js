@@ -25,14 +25,12 @@ export function showSummary(all, metric) {
     const finite = (value, text) => (Number.isFinite(value) ? text : "over half not located");
     rows.push(
       ["Median error", finite(s.medianDistance, `${length(s.medianDistance, metric)}, ${s.medianDegrees.toFixed(2)}°`)],
-      ["Within 2 cm, 2°", percent(s.recall2cm2deg)],
-      ["Within 5 cm, 5°", percent(s.recall5cm5deg)],
-      ["Within 10 cm, 5°", percent(s.recall10cm5deg)],
+      ...s.recalls.map(({ distance, degrees, share }) => [`Within ${metric ? `${100 * distance} cm` : `${distance} units`}, ${degrees}°`, percent(share)]),
     );
   }
   rows.push(["Median time", ms(s.medianMs)]);
   facts($("evaluation-facts"), rows);
-  drawPlot($("evaluation-plot"), all);
+  drawPlot($("evaluation-plot"), all, metric);
 }
 
 /** Offers a text as a file. */

@@ -1,4 +1,5 @@
 /** One result on the page: the picture with its overlay, the numbers, the map. */
+import { invertRigid } from "landline";
 import { $ } from "./dom.js";
 import { clearOverlay, drawOverlay } from "./overlay.js";
 import { showResult } from "./panels.js";
@@ -26,7 +27,7 @@ export function showFrame(result, picture, name, error, continuous) {
   redraw();
   $("stage-tag").hidden = !name;
   $("stage-tag").textContent = name;
-  showResult(result, state.metric, error);
+  showResult(result, error);
   showBackend(result);
   $("copy-json").disabled = false;
   showCounts();
@@ -89,8 +90,9 @@ export function showTruth(playlist) {
   view?.setTruth(state.truth);
 }
 
-function positionOf(m) {
-  return { x: -(m[0] * m[3] + m[4] * m[7] + m[8] * m[11]), y: -(m[1] * m[3] + m[5] * m[7] + m[9] * m[11]), z: -(m[2] * m[3] + m[6] * m[7] + m[10] * m[11]) };
+function positionOf(cameraFromWorld) {
+  const [, , , x, , , , y, , , , z] = invertRigid(cameraFromWorld);
+  return { x, y, z };
 }
 
 /** Forgets what was seen. */

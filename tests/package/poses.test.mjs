@@ -3,10 +3,14 @@ import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
 import { join } from "node:path";
 import { test } from "node:test";
+import { pathToFileURL } from "node:url";
 import { root } from "./support.mjs";
 
-// The page's scripts are modules without a package.json of their own, so Node gets the text.
-const { parseCameras, parseColmap, parseList, parseMatrix, readPoses } = await import(`data:text/javascript,${encodeURIComponent(await readFile(join(root, "www/poses.js"), "utf8"))}`);
+// The page's scripts are modules without a package.json of their own, so Node gets the text; the page's import map, which
+// says where the package is, is for browsers.
+const packageUrl = pathToFileURL(join(root, "dist/npm/landline/index.js")).href;
+const script = (await readFile(join(root, "www/poses.js"), "utf8")).replace('from "landline"', `from "${packageUrl}"`);
+const { parseCameras, parseColmap, parseList, parseMatrix, readPoses } = await import(`data:text/javascript,${encodeURIComponent(script)}`);
 
 const s = Math.SQRT1_2;
 /** A quarter turn about z, then one metre along x: world to camera. */

@@ -11,7 +11,7 @@ test("a world point is drawn on its pixel, with an off-centre principal point", 
   const folder = join(await installed(t), "node_modules/landline");
   const load = (path) => import(pathToFileURL(path));
   const { applyIntrinsics, applyPlacement } = await load(join(folder, "adapters/three.js"));
-  const { placementFrom } = await load(join(folder, "decode.js"));
+  const { placementFrom } = await load(join(folder, "placement.js"));
   const THREE = await load(join(root, "web/node_modules/three/build/three.module.js"));
 
   const intrinsics = { fx: 510, fy: 530, cx: 301, cy: 262, width: 640, height: 480 };

@@ -145,7 +145,7 @@ export function follow(relocalizer: Relocalizer, video: HTMLVideoElement, option
       counts.processed += 1;
       if (running) options.onResult?.(result);
     } catch (error) {
-      const fatal = error instanceof LandlineError && (error.code === "disposed" || error.code === "panicked");
+      const fatal = error instanceof LandlineError && (error.code === "disposed" || error.code === "engine-defect");
       if (fatal) stop();
       if (!(error instanceof LandlineError && error.code === "disposed")) options.onError?.(error);
     } finally {

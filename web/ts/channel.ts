@@ -1,6 +1,6 @@
 /** Calls the engine: in a worker, or directly on this thread. */
-import { Engine } from "./engine.js";
 import { asLandlineError, LandlineError } from "./errors.js";
+import { disposed, perform, type Holder } from "./perform.js";
 import type { CallName, Calls, Reply } from "./protocol.js";
 
 export interface Channel {
@@ -8,8 +8,6 @@ export interface Channel {
   /** Rejects everything that is under way, and ends the worker. */
   close(): void;
 }
-
-const disposed = (): LandlineError => new LandlineError("disposed", "this relocalizer was disposed of");
 
 interface Waiting {
   done: (reply: never) => void;
@@ -40,7 +38,7 @@ export class WorkerChannel implements Channel {
       event.preventDefault();
       this.#end(new LandlineError("asset-fetch", `the worker's script failed${event.message ? `: ${event.message}` : " to load"}`, "Check that worker.js and its neighbours are served from the same folder as index.js."));
     };
-    this.#worker.onmessageerror = () => this.#end(new LandlineError("panicked", "a message from the worker could not be read"));
+    this.#worker.onmessageerror = () => this.#end(new LandlineError("engine-defect", "a message from the worker could not be read"));
   }
 
   call<N extends CallName>(name: N, request: Calls[N]["request"], transfer: Transferable[] = []): Promise<Calls[N]["reply"]> {
@@ -70,53 +68,26 @@ export class WorkerChannel implements Channel {
 }
 
 export class DirectChannel implements Channel {
-  #engine: Engine | undefined;
+  readonly #holder: Holder = {};
   #queue: Promise<unknown> = Promise.resolve();
   #closed = false;
 
   call<N extends CallName>(name: N, request: Calls[N]["request"]): Promise<Calls[N]["reply"]> {
     const answer = this.#queue.then(() => this.#answer(name, request));
     this.#queue = answer.catch(() => undefined);
-    return answer as Promise<Calls[N]["reply"]>;
+    return answer;
   }
 
   close(): void {
     this.#closed = true;
     // A frame that is under way still holds the engine: it goes when that frame is done.
-    void this.#queue.then(() => {
-      this.#engine?.dispose();
-      this.#engine = undefined;
-    });
+    void this.#queue.then(() => perform(this.#holder, "dispose", null));
   }
 
-  async #answer(name: CallName, request: unknown): Promise<unknown> {
+  async #answer<N extends CallName>(name: N, request: Calls[N]["request"]): Promise<Calls[N]["reply"]> {
     if (this.#closed) throw disposed();
-    const reply = await this.#perform(name, request);
+    const reply = await perform(this.#holder, name, request);
     if (this.#closed) throw disposed();
     return reply;
-  }
-
-  async #perform(name: CallName, request: unknown): Promise<unknown> {
-    if (name === "create") {
-      const made = await Engine.create(request as Calls["create"]["request"]);
-      this.#engine = made.engine;
-      return made.created;
-    }
-    const engine = this.#engine;
-    if (!engine) throw disposed();
-    switch (name) {
-      case "locate":
-        return engine.locate(request as Calls["locate"]["request"]);
-      case "setOptions":
-        return engine.setOptions(request as Calls["setOptions"]["request"]);
-      case "recallCamera":
-        return engine.recallCamera(request as Calls["recallCamera"]["request"]);
-      case "reset":
-        return engine.reset();
-      case "memory":
-        return engine.memory();
-      case "dispose":
-        return null;
-    }
   }
 }

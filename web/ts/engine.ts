@@ -4,7 +4,7 @@ import { decodeResult } from "./decode.js";
 import { sizeOf } from "./frames.js";
 import type { Created, CreateRequest, LocateRequest, MemoryUse, WireFrame } from "./protocol.js";
 import { instantiate, RawRelocalizer } from "./raw.js";
-import type { Include, KnownIntrinsicsSource, LiveOptions, LocateResult, SceneInfo } from "./types.js";
+import type { Include, KnownIntrinsicsSource, LiveOptions, LocateResult, SceneInfo, Units } from "./types.js";
 
 const formatCode = { luma8: 0, rgba8: 1, rgb8: 2 } as const;
 const includeBit: Record<Include, number> = { points: 1, lines: 2, segments: 4 };
@@ -30,14 +30,16 @@ interface Begun {
 export class Engine {
   #raw: RawRelocalizer | undefined;
   readonly #memory: WebAssembly.Memory;
+  readonly #units: Units;
   #context: Context | undefined;
   #broken: LandlineError | undefined;
   /** A frame that was handed over before its turn. */
   #begun: Begun | undefined;
 
-  private constructor(raw: RawRelocalizer, memory: WebAssembly.Memory) {
+  private constructor(raw: RawRelocalizer, memory: WebAssembly.Memory, units: Units) {
     this.#raw = raw;
     this.#memory = memory;
+    this.#units = units;
   }
 
   static async create(request: CreateRequest): Promise<{ engine: Engine; created: Created }> {
@@ -46,7 +48,7 @@ export class Engine {
       const raw = await RawRelocalizer.create(request.extractor, request.scene, request.device, JSON.stringify(request.options));
       const scene = JSON.parse(raw.sceneInfo()) as SceneInfo;
       return {
-        engine: new Engine(raw, memory),
+        engine: new Engine(raw, memory, scene.units),
         created: { scene, backend: raw.backend() as Created["backend"], backendReason: raw.backendReason() },
       };
     } catch (error) {
@@ -70,7 +72,7 @@ export class Engine {
       raw.solve(includeBits(request.include));
       const numbers = new Float64Array(this.#memory.buffer, raw.resultAddress(), raw.resultLength());
       const { transferMs } = begun;
-      return decodeResult(numbers, { timestampMs: request.timestampMs, transferMs, include: request.include, backendReason: raw.backendReason() });
+      return decodeResult(numbers, { timestampMs: request.timestampMs, transferMs, include: request.include, backendReason: raw.backendReason(), units: this.#units });
     } catch (error) {
       throw this.#note(error);
     }
@@ -109,9 +111,10 @@ export class Engine {
     }
   }
 
-  setOptions(options: LiveOptions): void {
+  setOptions(options: LiveOptions): null {
     try {
       this.#alive().setOptions(JSON.stringify(options));
+      return null;
     } catch (error) {
       throw this.#note(error);
     }
@@ -128,8 +131,9 @@ export class Engine {
   }
 
   /** Forgets the track: the next frame is located from nothing. */
-  reset(): void {
+  reset(): null {
     this.#alive().reset();
+    return null;
   }
 
   memory(): MemoryUse {
@@ -139,7 +143,7 @@ export class Engine {
   dispose(): void {
     const raw = this.#raw;
     this.#raw = undefined;
-    // A panicked instance may hold its own borrow for ever; freeing it would throw, and it is lost anyway.
+    // An instance that panicked may hold its own borrow for ever; freeing it would throw, and it is lost anyway.
     if (!this.#broken) raw?.free();
   }
 
@@ -151,7 +155,7 @@ export class Engine {
 
   #note(error: unknown): LandlineError {
     const landline = asLandlineError(error);
-    if (landline.code === "panicked") this.#broken = landline;
+    if (landline.code === "engine-defect") this.#broken = landline;
     return landline;
   }
 

@@ -25,8 +25,10 @@ export type LandlineErrorCode =
   | "camera-denied"
   | "camera-busy"
   | "camera-insecure"
-  /** A defect inside the engine. This instance cannot go on; create a new one. */
-  | "panicked"
+  /** The engine's wasm file and these scripts are of different versions. */
+  | "engine-version"
+  /** A defect inside the engine: it stopped, or contradicted itself. This instance cannot go on; create a new one. */
+  | "engine-defect"
   /** `dispose()` was called before or during this call. */
   | "disposed";
 
@@ -46,7 +48,8 @@ const hints: Record<LandlineErrorCode, string> = {
   "camera-denied": "Allow the camera in the browser's settings for this page, then try again.",
   "camera-busy": "Close the other program or tab that uses the camera, then try again.",
   "camera-insecure": "Open the page with https://.",
-  panicked: "Create the relocalizer again; please report how to repeat this.",
+  "engine-version": "Reload the page without its cache, and serve all files of one version of the package.",
+  "engine-defect": "Create the relocalizer again; please report how to repeat this.",
   disposed: "Create a new relocalizer.",
 };
 
@@ -82,12 +85,12 @@ export function asLandlineError(thrown: unknown): LandlineError {
   }
   // A trap leaves the wasm instance in an unknown state: nothing that it returns afterwards can be trusted.
   if (typeof WebAssembly !== "undefined" && thrown instanceof WebAssembly.RuntimeError) {
-    return new LandlineError("panicked", `the engine stopped: ${message}`, "", thrown);
+    return new LandlineError("engine-defect", `the engine stopped: ${message}`, "", thrown);
   }
   if (thrown instanceof RangeError && /memory|allocation/i.test(message)) {
     return new LandlineError("out-of-memory", message, "", thrown);
   }
-  return new LandlineError("panicked", message, "", thrown);
+  return new LandlineError("engine-defect", message, "", thrown);
 }
 
 /** The opposite of `asLandlineError`, for messages between threads. */

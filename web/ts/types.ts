@@ -141,9 +141,17 @@ export interface Timings {
   total: number;
 }
 
+/**
+ * What the world's lengths are: metres, or units of which nobody knows how long they are, as in a reconstruction without a
+ * known distance. Only with `metres` may a length be called one.
+ */
+export type Units = "metres" | "scene-units";
+
 /** What `locate` answers. `located` tells the two kinds apart. */
 export interface LocateResult {
   located: boolean;
+  /** Of all lengths and positions in this result. */
+  units: Units;
   /** Present when not located. */
   reason?: NotLocatedReason;
   /** Present when located. Smoothed when smoothing is on. */
@@ -167,7 +175,7 @@ export interface LocateResult {
     confidence: number;
     /** 6x6 row-major: rotation (rad, camera axes) then translation (scene units). */
     covariance?: Float64Array;
-    /** Standard deviations that follow from it. */
+    /** Standard deviations that follow from it; `sigmaPosition` in `units`. */
     sigmaPosition?: number;
     sigmaRotationRad?: number;
   };
@@ -247,19 +255,34 @@ export type ProgressEvent =
   | { status: "prepare" }
   | { status: "ready"; backend: Backend; backendReason: string };
 
+/** Accuracy of a scene on pictures that were not trained on. */
+export interface HeldOut {
+  pictures: number;
+  notLocated: number;
+  /** Median distance of the camera positions in `units`; absent where too few pictures were located. */
+  medianPosition?: number;
+  /** Median angle in degrees; absent as above. */
+  medianRotationDeg?: number;
+  /** Share within 5 cm and 5 degrees, 0..1; absent unless `units` is `metres`. */
+  recall5cm5deg?: number;
+}
+
 /** What a scene file says about itself. */
 export interface SceneInfo {
   variant: string;
   preset: string;
   extractor: string;
-  units: "metres" | "scene-units";
+  units: Units;
   licence: string;
+  /** ISO 8601 in UTC; empty in files of the first versions of the tool, which did not say. */
   created: string;
   bytes: number;
   /** The camera that the teaching pictures came from, when recorded. */
   camera?: Intrinsics;
   /** Up direction in the world, when known. */
   up?: { x: number; y: number; z: number };
+  /** Accuracy on pictures that were not trained on, when it was measured. */
+  heldOut?: HeldOut;
   /** Everything in the header, as it stands there. */
   metadata: Record<string, string>;
 }

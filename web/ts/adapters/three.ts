@@ -2,10 +2,10 @@
  * Puts a result into three.js. Optional entry `landline/three`; three itself is only needed for its types.
  *
  * three's cameras look along -z with y up, the engine's along +z with y down. The result already carries both forms;
- * this is the one place that applies them.
+ * this applies them.
  */
 import type { Camera as ThreeCamera, PerspectiveCamera } from "three";
-import type { Intrinsics, Placement } from "../types.js";
+import type { Intrinsics, Placement } from "../index.js";
 
 /** Moves a camera to where the real one is. Its matrix is set as a whole: `matrixAutoUpdate` is turned off. */
 export function applyPlacement(camera: ThreeCamera, placement: Placement): void {

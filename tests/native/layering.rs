@@ -1,105 +1,103 @@
 //! Holds the code to the layers of `docs/ARCHITECTURE.md`.
 
-use crate::tree;
-use std::collections::BTreeMap;
+use crate::{rust, tree};
 
-/// Module → what it may import, from the table of the document.
-fn table() -> BTreeMap<String, Vec<String>> {
+/// Module → what it may import, from the table of the document that follows these words; in the table's order.
+fn table(words: &str) -> Vec<(String, Vec<String>)> {
     let text = tree::read("docs/ARCHITECTURE.md");
     let rows = text
         .lines()
+        .skip_while(|line| !line.starts_with(words))
         .skip_while(|line| !line.starts_with("| module | may import |"))
         .skip(2)
         .take_while(|line| line.starts_with('|'));
-    let mut layers = BTreeMap::new();
+    let mut layers: Vec<(String, Vec<String>)> = Vec::new();
     for row in rows {
         let cells: Vec<&str> = row.trim_matches('|').split('|').map(str::trim).collect();
         let module = cells[0].trim_matches('`').to_owned();
         let allowed = match cells[1] {
             "nothing" => Vec::new(),
-            "all of the above" => layers.keys().cloned().collect(),
+            "all of the above" => layers.iter().map(|(name, _)| name.clone()).collect(),
             list => list
                 .split(',')
                 .map(|name| name.trim().trim_matches('`').to_owned())
                 .collect(),
         };
-        layers.insert(module, allowed);
+        layers.push((module, allowed));
     }
+    assert!(
+        layers.len() > 5,
+        "docs/ARCHITECTURE.md has no table after `{words}`"
+    );
     layers
 }
 
-/// Names that follow `crate::` in a line of code: one, or those of a group.
-fn crate_names(code: &str) -> Vec<&str> {
-    let mut names = Vec::new();
-    for (at, _) in code.match_indices("crate::") {
-        let standalone = !code[..at].ends_with(|c: char| c.is_alphanumeric() || c == '_');
-        let rest = &code[at + "crate::".len()..];
-        if !standalone {
-            continue;
-        }
-        if let Some(group) = rest.strip_prefix('{') {
-            let mut depth = 0;
-            for part in group.split_inclusive(['{', '}', ',']) {
-                if depth == 0 {
-                    names.push(ident(part.trim_start()));
-                }
-                depth += i32::from(part.ends_with('{')) - i32::from(part.ends_with('}'));
-                if depth < 0 {
-                    break;
-                }
+/// What breaks a table, as sentences: imports of the files of a crate that their row does not list, modules without a row,
+/// rows that list something below them. Every row may import `common` as well.
+fn broken(source: &str, layers: &[(String, Vec<String>)], common: &[&str]) -> Vec<String> {
+    let mut sentences = Vec::new();
+    for (i, (module, allowed)) in layers.iter().enumerate() {
+        for name in allowed {
+            if !layers[..i].iter().any(|(above, _)| above == name) {
+                sentences.push(format!(
+                    "{module} may import {name}, which is not above it in the table"
+                ));
             }
-        } else {
-            names.push(ident(rest));
         }
     }
-    names.retain(|name| !name.is_empty());
-    names
-}
-
-fn ident(text: &str) -> &str {
-    let end = text
-        .find(|c: char| !c.is_alphanumeric() && c != '_')
-        .unwrap_or(text.len());
-    &text[..end]
+    let mut seen: Vec<&str> = Vec::new();
+    for file in tree::rust_files(source) {
+        let path = file.strip_prefix(&format!("{source}/")).unwrap_or(&file);
+        let module = rust::module_of(path);
+        let Some(top) = module.first() else {
+            // The root only says which modules there are.
+            continue;
+        };
+        let Some((top, allowed)) = layers.iter().find(|(name, _)| name == top) else {
+            sentences.push(format!("{file}: the module {top} is not in the table"));
+            continue;
+        };
+        seen.push(top);
+        for import in rust::imports(&tree::read(&file), &module) {
+            let may = import.path.first().is_some_and(|name| {
+                name == top
+                    || common.contains(&name.as_str())
+                    || allowed.iter().any(|other| other == name)
+            });
+            if !may {
+                let what = match import.path.first() {
+                    Some(name) => format!("{name} ({})", import.text),
+                    None => format!("the whole crate ({})", import.text),
+                };
+                sentences.push(format!("{file}:{}: {top} imports {what}", import.line));
+            }
+        }
+    }
+    for (module, _) in layers {
+        if !seen.contains(&module.as_str()) {
+            sentences.push(format!("{module} of the table does not exist"));
+        }
+    }
+    sentences
 }
 
 #[test]
-fn modules_import_only_lower_layers() {
-    let layers = table();
+fn modules_of_the_core_import_only_lower_layers() {
+    let sentences = broken("src", &table("Modules of the core:"), &["math"]);
     assert!(
-        layers.len() > 5,
-        "the layer table of docs/ARCHITECTURE.md was not found"
+        sentences.is_empty(),
+        "the layers of docs/ARCHITECTURE.md are broken:\n{}",
+        sentences.join("\n")
     );
-    let mut broken = Vec::new();
-    for file in tree::rust_files("src") {
-        let Some(module) = file
-            .strip_prefix("src/")
-            .and_then(|rest| rest.split_once('/'))
-            .map(|(module, _)| module)
-        else {
-            continue;
-        };
-        let Some(allowed) = layers.get(module) else {
-            broken.push(format!(
-                "{file}: the module {module} is not in the layer table"
-            ));
-            continue;
-        };
-        for (number, code) in tree::code_statements(&tree::read(&file)) {
-            for name in crate_names(&code) {
-                let known = layers.contains_key(name);
-                let may =
-                    name == module || name == "math" || allowed.iter().any(|other| other == name);
-                if known && !may {
-                    broken.push(format!("{file}:{number}: {module} imports {name}"));
-                }
-            }
-        }
-    }
+}
+
+#[test]
+fn modules_of_the_mapper_import_only_lower_layers() {
+    let sentences = broken("mapper/src", &table("Modules of the mapper:"), &[]);
     assert!(
-        broken.is_empty(),
-        "layers of docs/ARCHITECTURE.md are broken:\n{}",
-        broken.join("\n")
+        sentences.is_empty(),
+        "the layers of docs/ARCHITECTURE.md are broken:\n{}",
+        sentences.join("\n")
     );
 }
 
@@ -120,15 +118,8 @@ fn the_core_does_not_know_the_browser() {
         })
         .map(|line| format!("Cargo.toml: {line}"))
         .collect();
-    for file in tree::rust_files("src") {
-        for (number, code) in tree::code_statements(&tree::read(&file)) {
-            if ["wasm_bindgen", "web_sys", "js_sys"]
-                .iter()
-                .any(|name| code.contains(name))
-            {
-                broken.push(format!("{file}:{number}: {code}"));
-            }
-        }
+    for name in ["wasm_bindgen", "web_sys", "js_sys"] {
+        broken.extend(uses("src", |ident| ident == name, |_| false));
     }
     assert!(
         broken.is_empty(),
@@ -139,9 +130,11 @@ fn the_core_does_not_know_the_browser() {
 
 #[test]
 fn only_the_trainer_uses_burn() {
-    let broken = uses("mapper", "burn::", |file| {
-        file.contains("/train/") || file.ends_with("/train.rs")
-    });
+    let broken = uses(
+        "mapper",
+        |ident| ident == "burn",
+        |file| file.contains("/train/") || file.ends_with("/train.rs"),
+    );
     assert!(
         broken.is_empty(),
         "burn belongs in mapper/src/train:\n{}",
@@ -151,11 +144,11 @@ fn only_the_trainer_uses_burn() {
 
 #[test]
 fn unsafe_code_stays_in_kernels() {
-    let broken = uses("src", "unsafe", |file| file.contains("kernels"));
-    let broken: Vec<_> = broken
-        .iter()
-        .filter(|line| !line.contains("unsafe_code"))
-        .collect();
+    let broken = uses(
+        "src",
+        |ident| ident == "unsafe",
+        |file| file.contains("kernels"),
+    );
     assert!(
         broken.is_empty(),
         "unsafe code belongs in modules called kernels: {broken:#?}"
@@ -174,9 +167,13 @@ fn portable_modules_do_not_fuse() {
         "src/lsd",
         "src/pose",
     ] {
-        for word in [".mul_add(", ".recip()", "_fmadd_", "relaxed_madd", "vfmaq"] {
-            broken.extend(uses(module, word, |_| false));
-        }
+        let is_fused = |ident: &str| {
+            matches!(ident, "mul_add" | "recip")
+                || ["_fmadd_", "relaxed_madd", "vfmaq"]
+                    .iter()
+                    .any(|part| ident.contains(part))
+        };
+        broken.extend(uses(module, is_fused, |_| false));
     }
     assert!(
         broken.is_empty(),
@@ -188,8 +185,11 @@ fn portable_modules_do_not_fuse() {
 /// A time budget comes as a closure of the caller; browsers have no `Instant`, and results may not depend on a clock.
 #[test]
 fn the_core_reads_no_clock() {
-    let mut broken = uses("src", "Instant::now", |_| false);
-    broken.extend(uses("src", "SystemTime", |_| false));
+    let broken = uses(
+        "src",
+        |ident| matches!(ident, "Instant" | "SystemTime"),
+        |_| false,
+    );
     assert!(
         broken.is_empty(),
         "the core takes its clock from the caller:\n{}",
@@ -197,38 +197,22 @@ fn the_core_reads_no_clock() {
     );
 }
 
-/// Lines of code below `folder` that contain `word`, outside the files that `exempt` names.
-fn uses(folder: &str, word: &str, exempt: impl Fn(&str) -> bool) -> Vec<String> {
+/// Identifiers in the code below `folder` of which `is_meant` is true, outside the files that `exempt` names.
+fn uses(
+    folder: &str,
+    is_meant: impl Fn(&str) -> bool,
+    exempt: impl Fn(&str) -> bool,
+) -> Vec<String> {
     let mut found = Vec::new();
     for file in tree::rust_files(folder)
         .into_iter()
         .filter(|file| !exempt(file))
     {
-        for (number, code) in tree::code_statements(&tree::read(&file)) {
-            if code.contains(word) {
-                found.push(format!("{file}:{number}: {}", code.trim()));
+        for (line, ident) in rust::identifiers(&file) {
+            if is_meant(&ident) {
+                found.push(format!("{file}:{line}: {ident}"));
             }
         }
     }
     found
-}
-
-#[test]
-fn reads_single_and_grouped_imports() {
-    assert_eq!(
-        crate_names("use crate::image::{GrayView, check};"),
-        ["image"]
-    );
-    assert_eq!(
-        crate_names("use crate::{image::{A, B}, pose, math::C};"),
-        ["image", "pose", "math"]
-    );
-    assert_eq!(
-        crate_names("let x = crate::lsd::detect(crate::pose::y);"),
-        ["lsd", "pose"]
-    );
-    assert_eq!(
-        crate_names("pub(crate) use other_crate::pose;"),
-        Vec::<&str>::new()
-    );
 }

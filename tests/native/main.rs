@@ -13,6 +13,7 @@ mod lsd_properties;
 mod nn;
 mod portable;
 mod pose;
+mod rust;
 mod tree;
 
 #[global_allocator]

@@ -188,27 +188,31 @@ fn expect(report: &StepReport, distances: &[f64], pixels: &[f64], num: usize, lo
 #[test]
 fn a_step_of_the_papers_recipe_on_points() {
     let labels = room::labels(1);
-    let image = &labels.images[0];
+    let view = &labels.map.views[0];
+    let keypoints = &view.features.keypoints;
+    let cam_from_world = view.cam_from_world.expect("a pose");
     let at = [0.1f32, -0.2, 2.5];
     let report = constant_step(&labels, Kind::Points, &at, 0.7);
     let p = nalgebra::Vector3::new(0.1, -0.2, 2.5);
-    let seen = image
+    let seen = view
         .camera
-        .pixel_from_cam(&image.cam_from_world.transform_point(&p))
+        .pixel_from_cam(&cam_from_world.transform_point(&p))
         .expect("in front");
-    let labelled = || image.pixels.iter().zip(&labels.points);
+    let labelled = || keypoints.iter().zip(&labels.map.points);
     let distances: Vec<f64> = labelled()
         .map(|(_, t)| (p - t.point_in_world).norm())
         .collect();
-    let pixels: Vec<f64> = labelled().map(|(x, _)| x.distance(seen)).collect();
+    let pixels: Vec<f64> = labelled().map(|(k, _)| k.pixel.distance(seen)).collect();
     // One image a step; the recipe draws all of its points, filled up with rows that count nowhere.
-    expect(&report, &distances, &pixels, image.pixels.len(), 0.7);
+    expect(&report, &distances, &pixels, keypoints.len(), 0.7);
 }
 
 #[test]
 fn a_step_of_the_papers_recipe_on_segments() {
     let labels = room::labels(1);
-    let image = &labels.images[0];
+    let view = &labels.map.views[0];
+    let segments = &view.features.segments;
+    let cam_from_world = view.cam_from_world.expect("a pose");
     let at = [0.1f32, -0.2, 2.5, -0.4, 0.3, 3.0];
     let report = constant_step(&labels, Kind::Segments, &at, -0.3);
     let ends = [
@@ -216,11 +220,11 @@ fn a_step_of_the_papers_recipe_on_segments() {
         nalgebra::Vector3::new(-0.4, 0.3, 3.0),
     ];
     let seen = ends.map(|p| {
-        let in_cam = image.cam_from_world.transform_point(&p);
-        image.camera.pixel_from_cam(&in_cam).expect("in front")
+        let in_cam = cam_from_world.transform_point(&p);
+        view.camera.pixel_from_cam(&in_cam).expect("in front")
     });
     let (mut distances, mut pixels) = (Vec::new(), Vec::new());
-    for (s, t) in image.segments.iter().zip(&labels.lines) {
+    for (s, t) in segments.iter().zip(&labels.map.lines) {
         let d =
             (ends[0] - t.start_in_world).norm_squared() + (ends[1] - t.end_in_world).norm_squared();
         distances.push(d.sqrt());
@@ -230,5 +234,5 @@ fn a_step_of_the_papers_recipe_on_segments() {
         };
         pixels.push(off(&seen[0]) + off(&seen[1]));
     }
-    expect(&report, &distances, &pixels, image.segments.len(), -0.3);
+    expect(&report, &distances, &pixels, segments.len(), -0.3);
 }

@@ -24,8 +24,8 @@ mod tests {
     fn follows_the_scale_where_units_are_arbitrary() {
         let mut info = SceneInfo::new(ExtractorKind::Xfeat, "");
         info.scale.scale = 300.0;
+        assert_eq!(metre(&info), 150.0, "units are arbitrary unless known");
+        info.units = Units::Metres;
         assert_eq!(metre(&info), 1.0);
-        info.units = Units::Arbitrary;
-        assert_eq!(metre(&info), 150.0);
     }
 }

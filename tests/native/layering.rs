@@ -166,6 +166,7 @@ fn portable_modules_do_not_fuse() {
         "src/image",
         "src/lsd",
         "src/pose",
+        "src/reconstruction",
     ] {
         let is_fused = |ident: &str| {
             matches!(ident, "mul_add" | "recip")

@@ -15,7 +15,7 @@ pub(crate) mod neon;
         all(target_arch = "wasm32", target_feature = "simd128")
     ))
 ))]
-mod plain;
+pub(crate) mod plain;
 #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
 mod simd128;
 #[cfg(target_arch = "x86_64")]
@@ -187,6 +187,8 @@ pub(crate) trait Lanes: Copy {
     fn max(self, other: Self) -> Self;
     /// The smaller one, as [`Self::max`].
     fn min(self, other: Self) -> Self;
+    /// `self` in the lanes where `a` is larger than `b`, zero in the others; nothing is larger than a NaN, nor a NaN.
+    fn where_greater(self, a: Self, b: Self) -> Self;
     /// Two to the power of `n`, given `ROUNDER + n` for integers from -126 to 127.
     fn power_of_rounded(self) -> Self;
     /// Sum of the lanes; on the portable level the upper half added to the lower one until one is left.
@@ -342,6 +344,7 @@ mod tests {
             x.mul_add(y, x),
             x.max(y),
             x.min(y),
+            x.where_greater(x, y),
             rounded.power_of_rounded(),
             x.exp(),
             x.exp2_of_score(),

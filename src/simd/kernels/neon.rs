@@ -59,6 +59,11 @@ macro_rules! lanes {
                 div(b) = vdivq_f32;
             }
             #[inline(always)]
+            fn where_greater(self, a: Self, b: Self) -> Self {
+                // SAFETY: NEON is part of the target's base.
+                Self(unsafe { vbslq_f32(vcgtq_f32(a.0, b.0), self.0, vdupq_n_f32(0.0)) })
+            }
+            #[inline(always)]
             fn power_of_rounded(self) -> Self {
                 // SAFETY: NEON is part of the target's base.
                 Self(unsafe {

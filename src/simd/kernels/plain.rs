@@ -63,6 +63,11 @@ impl Lanes for Plain {
         self.zip(other, |a, b| if b < a { b } else { a })
     }
     #[inline(always)]
+    fn where_greater(self, a: Self, b: Self) -> Self {
+        let keep = a.zip(b, |a, b| f32::from(u8::from(a > b)));
+        self.zip(keep, |x, keep| if keep > 0.0 { x } else { 0.0 })
+    }
+    #[inline(always)]
     fn power_of_rounded(self) -> Self {
         Self(
             self.0

@@ -60,6 +60,10 @@ impl Lanes for Simd128 {
         Self(f32x4_pmin(self.0, other.0))
     }
     #[inline(always)]
+    fn where_greater(self, a: Self, b: Self) -> Self {
+        Self(v128_and(self.0, f32x4_gt(a.0, b.0)))
+    }
+    #[inline(always)]
     fn power_of_rounded(self) -> Self {
         Self(i32x4_shl(i32x4_add(self.0, i32x4_splat(127)), 23))
     }

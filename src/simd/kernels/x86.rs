@@ -67,6 +67,11 @@ impl Lanes for Sse2 {
         Self(unsafe { _mm_min_ps(other.0, self.0) })
     }
     #[inline(always)]
+    fn where_greater(self, a: Self, b: Self) -> Self {
+        // SAFETY: SSE2 is part of the target's base.
+        Self(unsafe { _mm_and_ps(self.0, _mm_cmpgt_ps(a.0, b.0)) })
+    }
+    #[inline(always)]
     fn power_of_rounded(self) -> Self {
         // SAFETY: SSE2 is part of the target's base.
         Self(unsafe {
@@ -130,6 +135,11 @@ impl Lanes for Avx2 {
     fn mul_add(self, a: Self, b: Self) -> Self {
         // SAFETY: see the module.
         Self(unsafe { _mm256_fmadd_ps(a.0, b.0, self.0) })
+    }
+    #[inline(always)]
+    fn where_greater(self, a: Self, b: Self) -> Self {
+        // SAFETY: see the module.
+        Self(unsafe { _mm256_and_ps(self.0, _mm256_cmp_ps::<_CMP_GT_OQ>(a.0, b.0)) })
     }
     #[inline(always)]
     fn power_of_rounded(self) -> Self {
@@ -203,6 +213,11 @@ impl Lanes for Avx512 {
     fn mul_add(self, a: Self, b: Self) -> Self {
         // SAFETY: see the module.
         Self(unsafe { _mm512_fmadd_ps(a.0, b.0, self.0) })
+    }
+    #[inline(always)]
+    fn where_greater(self, a: Self, b: Self) -> Self {
+        // SAFETY: see the module.
+        Self(unsafe { _mm512_maskz_mov_ps(_mm512_cmp_ps_mask::<_CMP_GT_OQ>(a.0, b.0), self.0) })
     }
     #[inline(always)]
     fn power_of_rounded(self) -> Self {

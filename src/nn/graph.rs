@@ -136,7 +136,18 @@ impl Graph {
             }
             Op::TokenPool { .. } => 2 * rows(1) * node.inputs[0].channels as u64,
             Op::SoftChoice { keys, values, .. } => rows(0) * (size(*keys) + size(*values)),
-            _ => 0,
+            Op::Activate { .. }
+            | Op::Add { .. }
+            | Op::Resize
+            | Op::AvgPool { .. }
+            | Op::MaxPool { .. }
+            | Op::InstanceNorm { .. }
+            | Op::Unfold { .. }
+            | Op::DetectorHeat { .. }
+            | Op::LayerNorm { .. }
+            | Op::L2Norm { .. }
+            | Op::Sample { .. }
+            | Op::Keep { .. } => 0,
         }
     }
 

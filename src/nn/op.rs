@@ -4,18 +4,33 @@
 
 use super::shape::WeightId;
 
-/// Function applied to every number on the way out.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub enum Activation {
-    /// `x`
-    #[default]
-    None,
-    /// `max(x, 0)`
-    Relu,
-    /// `x * (1 + erf(x / sqrt 2)) / 2`, the exact form
-    Gelu,
-    /// `1 / (1 + exp(-x))`
-    Sigmoid,
+/// Makes an enumeration and the list of all it has, so that no list can miss one.
+macro_rules! listed {
+    ($(#[$of_type:meta])* pub enum $type:ident { $($(#[$of_variant:meta])* $variant:ident,)* }) => {
+        $(#[$of_type])*
+        pub enum $type { $($(#[$of_variant])* $variant,)* }
+
+        impl $type {
+            /// All of them.
+            pub const ALL: &[Self] = &[$(Self::$variant,)*];
+        }
+    };
+}
+
+listed! {
+    /// Function applied to every number on the way out.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+    pub enum Activation {
+        /// `x`
+        #[default]
+        None,
+        /// `max(x, 0)`
+        Relu,
+        /// `x * (1 + erf(x / sqrt 2)) / 2`, the exact form
+        Gelu,
+        /// `1 / (1 + exp(-x))`
+        Sigmoid,
+    }
 }
 
 /// How [`Op::Sample`] interpolates.
@@ -199,7 +214,19 @@ impl Op {
                 values,
                 sharpness,
             } => vec![*keys, *values, *sharpness],
-            _ => Vec::new(),
+            Self::Activate { .. }
+            | Self::Add { .. }
+            | Self::Resize
+            | Self::AvgPool { .. }
+            | Self::MaxPool { .. }
+            | Self::InstanceNorm { .. }
+            | Self::Unfold { .. }
+            | Self::DetectorHeat { .. }
+            | Self::L2Norm { .. }
+            | Self::Attention { .. }
+            | Self::TokenPool { .. }
+            | Self::Sample { .. }
+            | Self::Keep { .. } => Vec::new(),
         }
     }
 

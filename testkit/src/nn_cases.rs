@@ -196,12 +196,7 @@ impl Maker {
     }
 
     fn activation(&mut self) -> Activation {
-        self.pick(&[
-            Activation::None,
-            Activation::Relu,
-            Activation::Gelu,
-            Activation::Sigmoid,
-        ])
+        self.pick(Activation::ALL)
     }
 
     /// A count of rows with its capacity; some are empty, some full.

@@ -159,7 +159,19 @@ impl CpuExecutor {
                     let sharpness = numbers(*sharpness).first().copied().unwrap_or(1.0);
                     Prepared::Anchors(Box::new(matrix), by_channel, sharpness)
                 }
-                _ => Prepared::None,
+                Op::Activate { .. }
+                | Op::Add { .. }
+                | Op::Resize
+                | Op::AvgPool { .. }
+                | Op::MaxPool { .. }
+                | Op::InstanceNorm { .. }
+                | Op::Unfold { .. }
+                | Op::DetectorHeat { .. }
+                | Op::L2Norm { .. }
+                | Op::Attention { .. }
+                | Op::TokenPool { .. }
+                | Op::Sample { .. }
+                | Op::Keep { .. } => Prepared::None,
             };
             prepared.push(entry);
             for id in node.op.weights() {
@@ -499,8 +511,11 @@ fn grid_of(tensor: &Tensor) -> Grid {
 
 /// Functions that the matrix kernel does not apply itself.
 fn finish_activation(level: Level, activation: Activation, numbers: &mut [f32]) {
-    if matches!(activation, Activation::Gelu | Activation::Sigmoid) {
-        elementwise::activate(level, activation, numbers);
+    match activation {
+        Activation::None | Activation::Relu => {}
+        Activation::Gelu | Activation::Sigmoid => {
+            elementwise::activate(level, activation, numbers);
+        }
     }
 }
 
@@ -554,6 +569,17 @@ fn scratch_len(graph: &Graph, node: &Node, capacities: &[usize]) -> usize {
         Op::TokenPool { tokens, .. } => *tokens,
         Op::SoftChoice { keys, .. } => soft_choice::scratch_len(graph.weight(*keys).shape[0]),
         Op::DetectorHeat { block } => block * block + 1,
-        _ => 0,
+        Op::Linear { .. }
+        | Op::Activate { .. }
+        | Op::Add { .. }
+        | Op::Resize
+        | Op::AvgPool { .. }
+        | Op::MaxPool { .. }
+        | Op::InstanceNorm { .. }
+        | Op::Unfold { .. }
+        | Op::LayerNorm { .. }
+        | Op::L2Norm { .. }
+        | Op::Sample { .. }
+        | Op::Keep { .. } => 0,
     }
 }

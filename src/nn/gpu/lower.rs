@@ -45,13 +45,27 @@ pub(super) struct Lowering<'a> {
     pub(super) places: &'a [WeightPlace],
 }
 
+/// The number by which kernels know an activation.
 fn code(activation: Activation) -> usize {
-    match activation {
-        Activation::None => 0,
-        Activation::Relu => 1,
-        Activation::Gelu => 2,
-        Activation::Sigmoid => 3,
-    }
+    activation as usize
+}
+
+/// `fn activate` of the kernels: one case for each activation, none by default.
+pub(super) fn activate_wgsl() -> String {
+    let cases = Activation::ALL.iter().map(|&activation| {
+        let y = match activation {
+            Activation::None => "x",
+            Activation::Relu => "max(x, 0.0)",
+            Activation::Gelu => "0.5 * x * (1.0 + erf_of(x * 0.70710678))",
+            Activation::Sigmoid => "1.0 / (1.0 + exp(-x))",
+        };
+        format!("        case {}u: {{ return {y}; }}\n", code(activation))
+    });
+    let cases: String = cases.collect();
+    // No code but these is ever written; a number that no activation gives would show as a failed comparison.
+    format!(
+        "fn activate(x: f32, kind: u32) -> f32 {{\n    switch kind {{\n{cases}        default: {{ return LOWEST; }}\n    }}\n}}\n"
+    )
 }
 
 /// Rows of keys and values that fit into workgroup memory at once, with one more word for each.

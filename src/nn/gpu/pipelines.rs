@@ -5,7 +5,7 @@
 
 use std::{collections::BTreeMap, fmt::Write as _, sync::Arc};
 
-use super::{device::GpuDevice, error::GpuError, faults::Fault};
+use super::{device::GpuDevice, error::GpuError, faults::Fault, lower::activate_wgsl};
 
 /// Uniform parameters of one dispatch.
 #[derive(Debug, Clone, Default)]
@@ -189,7 +189,10 @@ impl Pipelines {
                 message: "no such kernel".to_owned(),
             });
         };
-        let source = act_out(gpu.acting.fault(), format!("{}{COMMON}\n{text}", key.1));
+        let source = act_out(
+            gpu.acting.fault(),
+            format!("{}{}{COMMON}\n{text}", key.1, activate_wgsl()),
+        );
         gpu.acting.count_created();
         let module = gpu
             .device

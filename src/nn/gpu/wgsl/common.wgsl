@@ -1,6 +1,6 @@
 // Bindings and helpers that every kernel shares. One bind group layout serves all kernels: activations live in one
 // arena that is read and written, so that no dispatch binds a buffer twice; offsets come from `p`.
-// A host prepends `struct Params {..}` of the kernel and its constants.
+// A host prepends `struct Params {..}` of the kernel and its constants, and `fn activate(x: f32, kind: u32) -> f32`.
 
 @group(0) @binding(0) var<uniform> p: Params;
 @group(0) @binding(1) var<storage, read_write> arena: array<f32>;
@@ -37,13 +37,4 @@ fn erf_of(x: f32) -> f32 {
         + t * (0.27886807 + t * (-1.13520398 + t * (1.48851587 + t * (-0.82215223 + t * 0.17087277))))))));
     let tail = t * exp(-z * z + poly);
     return select(tail - 1.0, 1.0 - tail, x >= 0.0);
-}
-
-fn activate(x: f32, kind: u32) -> f32 {
-    switch kind {
-        case 1u: { return max(x, 0.0); }
-        case 2u: { return 0.5 * x * (1.0 + erf_of(x * 0.70710678)); }
-        case 3u: { return 1.0 / (1.0 + exp(-x)); }
-        default: { return x; }
-    }
 }

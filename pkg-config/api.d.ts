@@ -6,10 +6,10 @@
  * Puts a result into three.js. Optional entry `landline/three`; three itself is only needed for its types.
  *
  * three's cameras look along -z with y up, the engine's along +z with y down. The result already carries both forms;
- * this is the one place that applies them.
+ * this applies them.
  */
 import type { Camera as ThreeCamera, PerspectiveCamera } from "three";
-import type { Intrinsics, Placement } from "../types.js";
+import type { Intrinsics, Placement } from "../index.js";
 /** Moves a camera to where the real one is. Its matrix is set as a whole: `matrixAutoUpdate` is turned off. */
 export declare function applyPlacement(camera: ThreeCamera, placement: Placement): void;
 /** Column-major projection whose picture covers exactly the frame, off-centre principal point included. */
@@ -108,8 +108,10 @@ export type LandlineErrorCode =
  | "bad-input"
 /** The camera is not there, busy, or not allowed. */
  | "camera-unavailable" | "camera-denied" | "camera-busy" | "camera-insecure"
-/** A defect inside the engine. This instance cannot go on; create a new one. */
- | "panicked"
+/** The engine's wasm file and these scripts are of different versions. */
+ | "engine-version"
+/** A defect inside the engine: it stopped, or contradicted itself. This instance cannot go on; create a new one. */
+ | "engine-defect"
 /** `dispose()` was called before or during this call. */
  | "disposed";
 /** Every error that this package raises itself. Cancelling by a signal rejects with the signal's own reason. */
@@ -156,6 +158,7 @@ export { LandlineError, type LandlineErrorCode } from "./errors.js";
 export { camera, follow, intrinsicsFromTrack, type Camera, type CameraOptions, type FollowOptions, type Following } from "./camera.js";
 export { checkSupport } from "./support.js";
 export { clearCache, isCached } from "./assets.js";
+export { invertRigid } from "./placement.js";
 export { focalLength35mm, focalPxFrom35mm } from "./exif.js";
 export type * from "./types.js";
 
@@ -170,6 +173,15 @@ export declare function packagedWasmUrl(): URL;
 /** The compiled engine. Compiled once per address; a failure is not remembered. */
 export declare function loadEngine(options: InitOptions): Promise<WebAssembly.Module>;
 export {};
+
+// ---- placement.d.ts
+
+/** A camera's position in all the forms that are handed out. The only place that flips axes. */
+import type { Placement } from "./types.js";
+/** Inverse of a rigid transform, a row-major 4x4 matrix: of `cameraFromWorld` the `worldFromCamera`, and the other way round. */
+export declare function invertRigid(m: ArrayLike<number>): Float64Array;
+/** All forms of a placement from its row-major `cameraFromWorld`. */
+export declare function placementFrom(cameraFromWorld: Float64Array): Placement;
 
 // ---- protocol.d.ts
 
@@ -437,9 +449,16 @@ export interface Timings {
     solve: number;
     total: number;
 }
+/**
+ * What the world's lengths are: metres, or units of which nobody knows how long they are, as in a reconstruction without a
+ * known distance. Only with `metres` may a length be called one.
+ */
+export type Units = "metres" | "scene-units";
 /** What `locate` answers. `located` tells the two kinds apart. */
 export interface LocateResult {
     located: boolean;
+    /** Of all lengths and positions in this result. */
+    units: Units;
     /** Present when not located. */
     reason?: NotLocatedReason;
     /** Present when located. Smoothed when smoothing is on. */
@@ -469,7 +488,7 @@ export interface LocateResult {
         confidence: number;
         /** 6x6 row-major: rotation (rad, camera axes) then translation (scene units). */
         covariance?: Float64Array;
-        /** Standard deviations that follow from it. */
+        /** Standard deviations that follow from it; `sigmaPosition` in `units`. */
         sigmaPosition?: number;
         sigmaRotationRad?: number;
     };
@@ -559,13 +578,25 @@ export type ProgressEvent = {
     backend: Backend;
     backendReason: string;
 };
+/** Accuracy of a scene on pictures that were not trained on. */
+export interface HeldOut {
+    pictures: number;
+    notLocated: number;
+    /** Median distance of the camera positions in `units`; absent where too few pictures were located. */
+    medianPosition?: number;
+    /** Median angle in degrees; absent as above. */
+    medianRotationDeg?: number;
+    /** Share within 5 cm and 5 degrees, 0..1; absent unless `units` is `metres`. */
+    recall5cm5deg?: number;
+}
 /** What a scene file says about itself. */
 export interface SceneInfo {
     variant: string;
     preset: string;
     extractor: string;
-    units: "metres" | "scene-units";
+    units: Units;
     licence: string;
+    /** ISO 8601 in UTC; empty in files of the first versions of the tool, which did not say. */
     created: string;
     bytes: number;
     /** The camera that the teaching pictures came from, when recorded. */
@@ -576,6 +607,8 @@ export interface SceneInfo {
         y: number;
         z: number;
     };
+    /** Accuracy on pictures that were not trained on, when it was measured. */
+    heldOut?: HeldOut;
     /** Everything in the header, as it stands there. */
     metadata: Record<string, string>;
 }

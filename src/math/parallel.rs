@@ -25,6 +25,32 @@ pub fn map_with<R, T: Send>(
     }
 }
 
+/// `work` of the number and the values of each piece of `len` values, in the order of the pieces.
+pub fn map_chunks<V: Send, T: Send>(
+    values: &mut [V],
+    len: usize,
+    work: impl Fn(usize, &mut [V]) -> T + Sync + Send,
+) -> Vec<T> {
+    let len = len.max(1);
+    #[cfg(all(feature = "parallel", not(target_arch = "wasm32")))]
+    {
+        use rayon::prelude::*;
+        values
+            .par_chunks_mut(len)
+            .enumerate()
+            .map(|(i, chunk)| work(i, chunk))
+            .collect()
+    }
+    #[cfg(not(all(feature = "parallel", not(target_arch = "wasm32"))))]
+    {
+        values
+            .chunks_mut(len)
+            .enumerate()
+            .map(|(i, chunk)| work(i, chunk))
+            .collect()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     #[test]
@@ -39,5 +65,11 @@ mod tests {
         );
         assert!(squares.iter().enumerate().all(|(i, s)| *s == i * i));
         assert!(super::map(0, |i| i).is_empty());
+        let mut values = [1, 2, 3, 4, 5];
+        let sums = super::map_chunks(&mut values, 2, |i, chunk| {
+            chunk[0] += 10 * i;
+            chunk.iter().sum::<usize>()
+        });
+        assert_eq!((sums, values), (vec![3, 17, 25], [1, 2, 13, 4, 25]));
     }
 }

@@ -1,7 +1,7 @@
 //! Real roots of polynomials: what the minimal pose solvers need, nothing more.
 //!
 //! Coefficients are stored constant term first.
-//! The octic solver isolates roots by the sign changes of Bernstein coefficients on the four charts x, -x, 1/x, -1/x in
+//! The solver of degree up to ten isolates roots by the sign changes of Bernstein coefficients on the four charts x, -x, 1/x, -1/x in
 //! (0, 1], so that no root is missed by sampling and no large power is formed.
 //! Cost: no allocation, well below a microsecond for most polynomials.
 
@@ -78,9 +78,9 @@ pub fn eval_with_slope(coefficients: &[f64], x: f64) -> (f64, f64) {
 }
 
 /// Largest degree that [`real_root_ratios`] takes.
-pub const MAX_DEGREE: usize = 8;
+pub const MAX_DEGREE: usize = 10;
 
-/// Up to eight real roots as ratios (numerator, denominator) with both parts in [-1, 1].
+/// Up to ten real roots as ratios (numerator, denominator) with both parts in [-1, 1].
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Roots {
     ratios: [(f64, f64); 2 * MAX_DEGREE],
@@ -101,13 +101,21 @@ impl Roots {
     }
 }
 
-/// Binomial coefficients C(i, j) / C(8, j): from powers to the Bernstein basis of degree 8.
-const BERNSTEIN: [[f64; MAX_DEGREE + 1]; MAX_DEGREE + 1] = bernstein_table();
+/// Bernstein coefficients of a polynomial of degree N - 1 over an interval.
+type Bernstein<const N: usize> = [f64; N];
 
-const fn bernstein_table() -> [[f64; MAX_DEGREE + 1]; MAX_DEGREE + 1] {
-    let mut binomial = [[0.0; MAX_DEGREE + 1]; MAX_DEGREE + 1];
+/// From powers to the Bernstein basis: C(i, j) / C(N - 1, j).
+struct Basis<const N: usize>;
+
+impl<const N: usize> Basis<N> {
+    const TABLE: [[f64; N]; N] = bernstein_table();
+}
+
+const fn bernstein_table<const N: usize>() -> [[f64; N]; N] {
+    assert!(N >= 2 && N <= MAX_DEGREE + 1, "degree out of range");
+    let mut binomial = [[0.0; N]; N];
     let mut i = 0;
-    while i <= MAX_DEGREE {
+    while i < N {
         binomial[i][0] = 1.0;
         let mut j = 1;
         while j <= i {
@@ -116,9 +124,9 @@ const fn bernstein_table() -> [[f64; MAX_DEGREE + 1]; MAX_DEGREE + 1] {
         }
         i += 1;
     }
-    let top = binomial[MAX_DEGREE];
+    let top = binomial[N - 1];
     let mut i = 0;
-    while i <= MAX_DEGREE {
+    while i < N {
         let mut j = 0;
         while j <= i {
             binomial[i][j] /= top[j];
@@ -129,15 +137,17 @@ const fn bernstein_table() -> [[f64; MAX_DEGREE + 1]; MAX_DEGREE + 1] {
     binomial
 }
 
-/// All real roots of a polynomial of degree 8, near-double ones included once.
-pub fn real_root_ratios(coefficients: &[f64; MAX_DEGREE + 1]) -> Roots {
+/// All real roots of a polynomial of degree N - 1 (at most [`MAX_DEGREE`]), near-double ones included once.
+pub fn real_root_ratios<const N: usize>(coefficients: &[f64; N]) -> Roots {
     let mut roots = Roots::default();
     let scale = coefficients.iter().fold(0.0f64, |m, c| m.max(c.abs()));
     if !(scale > 0.0) || !scale.is_finite() {
         return roots;
     }
     let p = coefficients.map(|c| c / scale);
-    let mirrored = |p: &[f64; 9]| core::array::from_fn(|i| if i % 2 == 1 { -p[i] } else { p[i] });
+    let mirrored = |p: &[f64; N]| -> [f64; N] {
+        core::array::from_fn(|i| if i % 2 == 1 { -p[i] } else { p[i] })
+    };
     let mut reversed = p;
     reversed.reverse();
     // Zero and one belong to one chart each.
@@ -154,9 +164,7 @@ pub fn real_root_ratios(coefficients: &[f64; MAX_DEGREE + 1]) -> Roots {
     roots
 }
 
-type Bernstein = [f64; MAX_DEGREE + 1];
-
-fn sign_changes(b: &Bernstein) -> u32 {
+fn sign_changes<const N: usize>(b: &Bernstein<N>) -> u32 {
     let mut changes = 0;
     let mut last = 0.0;
     for &c in b {
@@ -171,10 +179,10 @@ fn sign_changes(b: &Bernstein) -> u32 {
 }
 
 /// The two halves of an interval, by de Casteljau's scheme.
-fn halves(b: &Bernstein) -> (Bernstein, Bernstein) {
+fn halves<const N: usize>(b: &Bernstein<N>) -> (Bernstein<N>, Bernstein<N>) {
     let (mut left, mut right) = (*b, *b);
     for (level, end) in left.iter_mut().enumerate().skip(1) {
-        for i in 0..=(MAX_DEGREE - level) {
+        for i in 0..(N - level) {
             right[i] = 0.5 * (right[i] + right[i + 1]);
         }
         *end = right[0];
@@ -186,11 +194,16 @@ fn halves(b: &Bernstein) -> (Bernstein, Bernstein) {
 ///
 /// The number of sign changes of the Bernstein coefficients bounds the number of roots in an interval and has its parity, so
 /// none means no root and one means exactly one; anything else is halved.
-fn roots_in_unit_interval(p: &[f64; 9], includes_one: bool, mut found: impl FnMut(f64)) {
+fn roots_in_unit_interval<const N: usize>(
+    p: &[f64; N],
+    includes_one: bool,
+    mut found: impl FnMut(f64),
+) {
     /// A pair of roots closer than 2^-26 is a double root.
     const MAX_DEPTH: u32 = 26;
-    let whole: Bernstein = core::array::from_fn(|i| (0..=i).map(|j| BERNSTEIN[i][j] * p[j]).sum());
-    if includes_one && whole[MAX_DEGREE] == 0.0 {
+    let whole: Bernstein<N> =
+        core::array::from_fn(|i| (0..=i).map(|j| Basis::<N>::TABLE[i][j] * p[j]).sum());
+    if includes_one && whole[N - 1] == 0.0 {
         found(1.0);
     }
     // Depth-first: at most one pending sibling for each level.
@@ -202,7 +215,7 @@ fn roots_in_unit_interval(p: &[f64; 9], includes_one: bool, mut found: impl FnMu
         let width = 1.0 / f64::from(1u32 << depth);
         match sign_changes(&b) {
             0 => {}
-            1 if b[0] != 0.0 && b[MAX_DEGREE] != 0.0 => {
+            1 if b[0] != 0.0 && b[N - 1] != 0.0 => {
                 found(bracketed_root(p, start, start + width, b[0]));
             }
             _ if depth == MAX_DEPTH => found(start + 0.5 * width),

@@ -12,18 +12,26 @@
 //!   `nn`, whose last digit differs between instruction sets.
 //! * **Cost**: matching grows with pairs x keypoints^2 x descriptor; nothing holds a second copy of the descriptors.
 
+pub mod bundle;
 mod convention;
 mod cover;
+mod five_point;
+mod focal;
 mod lines;
 mod matching;
 mod pairs;
+mod planes;
 mod points;
+mod relative;
+mod robust;
 mod track;
 mod triangulate;
+mod two_view;
 mod view;
 
 pub use convention::{ConventionCheck, Misreading, check_convention};
 pub use cover::cover;
+pub use focal::{FOCAL_PRIOR, FOCAL_RANGE, FocalVote, vote_focal};
 pub use lines::{KnownLine, LineParams, assign_segments, build_line_tracks, line_pairs};
 pub use matching::{
     Match, MatchParams, MutualMatcher, epipolar_distance, essential, match_pairs, mutual_neighbours,
@@ -35,4 +43,5 @@ pub use track::{
     describe_points,
 };
 pub use triangulate::{Bundle, Ray};
+pub use two_view::{TwoView, TwoViewKind, TwoViewParams, Uncalibrated, two_view, uncalibrated};
 pub use view::{PosedView, View, planar_from_pixel};

@@ -19,6 +19,7 @@ mod five_point;
 mod focal;
 mod lines;
 mod matching;
+pub mod motion;
 mod pairs;
 mod planes;
 mod points;

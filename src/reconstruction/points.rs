@@ -82,16 +82,21 @@ pub fn build_point_tracks(
 }
 
 /// Keypoints of all views in one numbering.
-struct Nodes {
+pub(super) struct Nodes {
     first: Vec<u32>,
 }
 
 impl Nodes {
     fn new(views: &[PosedView<'_>]) -> Self {
+        Self::of_lengths(views.iter().map(|v| v.planar.len()))
+    }
+
+    /// From the number of keypoints of each view.
+    pub(super) fn of_lengths(lengths: impl Iterator<Item = usize>) -> Self {
         let mut first = vec![0];
         let mut next = 0;
-        for view in views {
-            next += view.planar.len() as u32;
+        for len in lengths {
+            next += len as u32;
             first.push(next);
         }
         Self { first }
@@ -101,7 +106,7 @@ impl Nodes {
         self.first.last().copied().unwrap_or(0) as usize
     }
 
-    fn of(&self, seen: Observation) -> u32 {
+    pub(super) fn of(&self, seen: Observation) -> u32 {
         self.first[seen.view as usize] + seen.feature
     }
 
@@ -134,7 +139,7 @@ pub(super) fn root(parent: &mut [u32], mut node: u32) -> u32 {
 }
 
 /// Joins matched keypoints, best match first, unless the two sets already hold keypoints of one view.
-fn join(nodes: &Nodes, edges: &[(u32, u32, f32)]) -> Vec<Vec<Observation>> {
+pub(super) fn join(nodes: &Nodes, edges: &[(u32, u32, f32)]) -> Vec<Vec<Observation>> {
     let mut parent: Vec<u32> = (0..nodes.len() as u32).collect();
     let mut members: Vec<Vec<Observation>> = parent
         .iter()
@@ -186,7 +191,7 @@ fn robust(
     tracks
 }
 
-fn best_point(
+pub(super) fn best_point(
     bundle: &Bundle<'_>,
     observations: &[Observation],
     params: &PointParams,

@@ -1,0 +1,504 @@
+//! Growth of a reconstruction: register pictures, triangulate, adjust, and again.
+//!
+//! Tracks are joined once from the verified matches. After each round every track is looked at anew under the poses as they
+//! are now, so that nothing that was believed too early stays.
+
+use super::{CameraGroup, MotionParams, Picture, VerifiedPair};
+use crate::geometry::{CamFromWorld, Camera, CameraModel};
+use crate::math::Rng;
+use crate::math::parallel;
+use crate::pose::{self, Focal, PointCorrespondence, PoseOptions, PoseScratch, WorldNoise};
+use crate::reconstruction::bundle::{
+    self, BundleCamera, BundleObservation, BundleOptions, BundleProblem, Intrinsics,
+    IntrinsicsPrior, Loss,
+};
+use crate::reconstruction::points::{Nodes, best_point, join};
+use crate::reconstruction::{
+    Bundle, Observation, PointParams, PosedView, TwoView, planar_from_pixel,
+};
+use nalgebra::{Vector2, Vector3};
+
+pub(super) const NO_TRACK: u32 = u32::MAX;
+
+/// What does not change while a reconstruction grows.
+pub(super) struct Ground<'a> {
+    pub(super) pictures: &'a [Picture<'a>],
+    pub(super) groups: &'a [CameraGroup],
+    pub(super) pairs: &'a [VerifiedPair],
+    pub(super) params: &'a MotionParams,
+    /// Keypoints that were matched to each other, at most one a picture.
+    pub(super) tracks: Vec<Vec<Observation>>,
+    /// Track of each keypoint of each picture.
+    pub(super) track_of: Vec<Vec<u32>>,
+}
+
+/// A point with the observations that agree with it.
+#[derive(Debug, Clone)]
+pub(super) struct Point {
+    pub(super) position: Vector3<f64>,
+    pub(super) observations: Vec<Observation>,
+}
+
+/// A reconstruction while it grows.
+#[derive(Debug, Clone)]
+pub(super) struct Attempt {
+    /// One camera for each group.
+    pub(super) cameras: Vec<Camera>,
+    /// One for each picture.
+    pub(super) poses: Vec<Option<CamFromWorld>>,
+    /// One for each track.
+    pub(super) points: Vec<Option<Point>>,
+    /// Points that a picture saw when it could not be located.
+    tried: Vec<usize>,
+}
+
+impl<'a> Ground<'a> {
+    pub(super) fn new(
+        pictures: &'a [Picture<'a>],
+        groups: &'a [CameraGroup],
+        pairs: &'a [VerifiedPair],
+        params: &'a MotionParams,
+    ) -> Self {
+        let nodes = Nodes::of_lengths(pictures.iter().map(|p| p.features.keypoints.len()));
+        let mut edges = Vec::new();
+        for pair in pairs {
+            for (k, l, cosine) in &pair.matches {
+                let a = nodes.of(Observation::new(pair.a as usize, *k as usize));
+                let b = nodes.of(Observation::new(pair.b as usize, *l as usize));
+                edges.push((a, b, *cosine));
+            }
+        }
+        edges.sort_unstable_by(|x, y| y.2.total_cmp(&x.2).then((x.0, x.1).cmp(&(y.0, y.1))));
+        let tracks = join(&nodes, &edges);
+        let mut track_of: Vec<Vec<u32>> = pictures
+            .iter()
+            .map(|p| vec![NO_TRACK; p.features.keypoints.len()])
+            .collect();
+        for (t, track) in tracks.iter().enumerate() {
+            for o in track {
+                track_of[o.view as usize][o.feature as usize] = t as u32;
+            }
+        }
+        Self {
+            pictures,
+            groups,
+            pairs,
+            params,
+            tracks,
+            track_of,
+        }
+    }
+
+    /// A reconstruction of two pictures; `None` when too few points come out.
+    pub(super) fn start(
+        &self,
+        cameras: &[Camera],
+        a: usize,
+        b: usize,
+        geometry: &TwoView,
+    ) -> Option<Attempt> {
+        let n = self.pictures.len();
+        let mut attempt = Attempt {
+            cameras: cameras.to_vec(),
+            poses: vec![None; n],
+            points: vec![None; self.tracks.len()],
+            tried: vec![0; n],
+        };
+        attempt.poses[a] = Some(CamFromWorld::identity());
+        attempt.poses[b] = Some(CamFromWorld::new(
+            geometry.b_from_a.rotation,
+            geometry.b_from_a.translation,
+        ));
+        self.triangulate(&mut attempt);
+        (attempt.num_points() >= self.params.min_start_points).then(|| {
+            self.adjust(&mut attempt, &Effort::quick());
+            self.triangulate(&mut attempt);
+            attempt
+        })
+    }
+
+    /// Registered pictures with their rays, and the position of each picture among them.
+    pub(super) fn posed(&self, attempt: &Attempt) -> (Vec<usize>, Vec<PosedView<'a>>, Vec<u32>) {
+        let registered: Vec<usize> = (0..attempt.poses.len())
+            .filter(|i| attempt.poses[*i].is_some())
+            .collect();
+        let views = parallel::map(registered.len(), |r| {
+            let picture = &self.pictures[registered[r]];
+            let pose = attempt.poses[registered[r]].unwrap_or(CamFromWorld::identity());
+            PosedView::new(attempt.cameras[picture.camera], pose, picture.features)
+        });
+        let mut position = vec![NO_TRACK; attempt.poses.len()];
+        for (r, i) in registered.iter().enumerate() {
+            position[*i] = r as u32;
+        }
+        (registered, views, position)
+    }
+
+    /// Every track anew under the present poses.
+    pub(super) fn triangulate(&self, attempt: &mut Attempt) {
+        let (registered, views, position) = self.posed(attempt);
+        let bundle = Bundle { views: &views };
+        let params = PointParams {
+            max_error_px: self.params.max_error_px,
+            min_angle_deg: self.params.min_angle_deg,
+            ..PointParams::default()
+        };
+        let old = &attempt.points;
+        attempt.points = parallel::map(self.tracks.len(), |t| {
+            let seen: Vec<Observation> = self.tracks[t]
+                .iter()
+                .filter(|o| position[o.view as usize] != NO_TRACK)
+                .map(|o| Observation {
+                    view: position[o.view as usize],
+                    feature: o.feature,
+                })
+                .collect();
+            if seen.len() < 2 {
+                return None;
+            }
+            let fits = |position: &Vector3<f64>| -> Vec<Observation> {
+                let near = |o: &&Observation| bundle.error_px(**o, position) <= params.max_error_px;
+                seen.iter().filter(near).copied().collect()
+            };
+            let kept = old[t].as_ref().and_then(|known| {
+                let inliers = fits(&known.position);
+                // A point that most of its observations contradict is searched for anew.
+                if inliers.len() < 2 || 3 * inliers.len() < 2 * seen.len() {
+                    return None;
+                }
+                let position = bundle.refine(&inliers, known.position, 1.5);
+                let inliers = fits(&position);
+                (inliers.len() >= 2).then_some((position, inliers))
+            });
+            let (position, inliers) = match kept {
+                Some(found) => found,
+                None => {
+                    let found = best_point(&bundle, &seen, &params, &mut Rng::from_seed(t as u64))?;
+                    (found.point_in_world, found.observations)
+                }
+            };
+            let angle = bundle.largest_angle(&inliers, &position);
+            (angle.to_degrees() >= params.min_angle_deg).then(|| Point {
+                position,
+                observations: inliers
+                    .iter()
+                    .map(|o| Observation {
+                        view: registered[o.view as usize] as u32,
+                        feature: o.feature,
+                    })
+                    .collect(),
+            })
+        });
+    }
+
+    /// Pictures without a pose, those that see most points in most places first, with the number of points.
+    pub(super) fn candidates(&self, attempt: &Attempt) -> Vec<(usize, usize)> {
+        let mut seen: Vec<(usize, usize, usize)> = (0..self.pictures.len())
+            .filter(|i| attempt.poses[*i].is_none())
+            .filter_map(|i| {
+                let camera = &attempt.cameras[self.pictures[i].camera];
+                let (w, h) = (f64::from(camera.width), f64::from(camera.height));
+                let (mut count, mut cells) = (0, [false; 64]);
+                for (k, t) in self.track_of[i].iter().enumerate() {
+                    if *t == NO_TRACK || attempt.points[*t as usize].is_none() {
+                        continue;
+                    }
+                    count += 1;
+                    let p = self.pictures[i].features.keypoints[k].pixel;
+                    let cell = |v: f64, size: f64| ((8.0 * v / size).max(0.0) as usize).min(7);
+                    cells[8 * cell(p.y, h) + cell(p.x, w)] = true;
+                }
+                let spread = cells.iter().filter(|c| **c).count();
+                let is_new = attempt.tried[i] == 0 || 4 * count > 5 * attempt.tried[i];
+                (count >= self.params.min_inliers && is_new).then_some((i, count, spread))
+            })
+            .collect();
+        seen.sort_by_key(|(i, count, spread)| (core::cmp::Reverse(count * spread), *i));
+        seen.into_iter().map(|(i, count, _)| (i, count)).collect()
+    }
+
+    /// Where a picture was taken from, by the points that it sees.
+    fn locate(
+        &self,
+        attempt: &Attempt,
+        i: usize,
+        scratch: &mut PoseScratch,
+    ) -> Option<CamFromWorld> {
+        let picture = &self.pictures[i];
+        let points: Vec<PointCorrespondence> = self.track_of[i]
+            .iter()
+            .zip(&picture.features.keypoints)
+            .filter(|(t, _)| **t != NO_TRACK)
+            .filter_map(|(t, keypoint)| {
+                let point = attempt.points[*t as usize].as_ref()?;
+                Some(PointCorrespondence {
+                    pixel: keypoint.pixel,
+                    point_in_world: point.position,
+                    confidence: 0.7,
+                    sigma_px: 0.0,
+                    sigma_m: 0.0,
+                })
+            })
+            .collect();
+        let options = PoseOptions {
+            max_point_error_px: 2.0 * self.params.max_error_px,
+            max_iterations: 2_000,
+            seed: i as u64,
+            focal: Focal::Known,
+            world_noise: WorldNoise::Negligible,
+            ..PoseOptions::default()
+        };
+        let camera = &attempt.cameras[picture.camera];
+        let outcome = pose::estimate(&points, &[], camera, &options, scratch, &mut || 0.0).ok()?;
+        let found = outcome.located()?;
+        let num = found.num_point_inliers as usize;
+        let is_enough = num >= self.params.min_inliers
+            && num as f64 >= self.params.min_inlier_share * points.len() as f64;
+        is_enough.then_some(found.cam_from_world)
+    }
+
+    /// Registers the most promising pictures that are not taken, `most` of them at most. How many it were.
+    pub(super) fn register(&self, attempt: &mut Attempt, most: usize, is_taken: &[bool]) -> usize {
+        let mut candidates = self.candidates(attempt);
+        candidates.retain(|(i, _)| !is_taken[*i]);
+        candidates.truncate(2 * most);
+        let found = parallel::map_with(candidates.len(), PoseScratch::new, |scratch, c| {
+            self.locate(attempt, candidates[c].0, scratch)
+        });
+        let mut num = 0;
+        for ((i, count), pose) in candidates.into_iter().zip(found) {
+            match pose {
+                Some(pose) if num < most => {
+                    attempt.poses[i] = Some(pose);
+                    num += 1;
+                }
+                Some(_) => {}
+                None => attempt.tried[i] = count,
+            }
+        }
+        num
+    }
+
+    /// A pixel as the adjustment wants it: relative to the principal point, without distortion other than one radial term.
+    fn place_px(camera: &Camera, pixel: crate::geometry::Pixel) -> Option<Vector2<f64>> {
+        match camera.model {
+            CameraModel::SimplePinhole { cx, cy, .. }
+            | CameraModel::SimpleRadial { cx, cy, .. } => {
+                Some(Vector2::new(pixel.x - cx, pixel.y - cy))
+            }
+            _ => {
+                let (fx, fy) = camera.focal_px();
+                let planar = planar_from_pixel(camera, pixel);
+                (!planar.x.is_nan()).then(|| planar * (0.5 * (fx + fy)))
+            }
+        }
+    }
+
+    fn intrinsics(&self, attempt: &Attempt, group: usize, refines_radial: bool) -> Intrinsics {
+        let camera = &attempt.cameras[group];
+        let (fx, fy) = camera.focal_px();
+        let focal_px = 0.5 * (fx + fy);
+        let k = match camera.model {
+            CameraModel::SimpleRadial { k, .. } => k,
+            _ => 0.0,
+        };
+        let moves = self.groups[group].refines;
+        let prior = if moves {
+            IntrinsicsPrior {
+                focal_px: self.groups[group].prior_focal_px(),
+                sigma_ln: self.groups[group].sigma_ln,
+                sigma_k: if refines_radial { 0.1 } else { 1e-6 },
+            }
+        } else {
+            // Held by a prior that nothing moves, so that other groups may be refined beside it.
+            IntrinsicsPrior {
+                focal_px,
+                sigma_ln: 1e-7,
+                sigma_k: 1e-7,
+            }
+        };
+        Intrinsics {
+            focal_px,
+            k: if moves { k } else { 0.0 },
+            prior: Some(prior),
+        }
+    }
+
+    /// Bundle adjustment of everything registered on the tracks that cover the pictures best.
+    pub(super) fn adjust(&self, attempt: &mut Attempt, effort: &Effort) {
+        let registered: Vec<usize> = (0..attempt.poses.len())
+            .filter(|i| attempt.poses[*i].is_some())
+            .collect();
+        let num_registered = registered.len();
+        let mut problem = BundleProblem::default();
+        let mut camera_of = vec![NO_TRACK; attempt.poses.len()];
+        for i in &registered {
+            let Some(cam_from_world) = attempt.poses[*i] else {
+                continue;
+            };
+            camera_of[*i] = problem.cameras.len() as u32;
+            problem.cameras.push(BundleCamera {
+                cam_from_world,
+                intrinsics: self.pictures[*i].camera,
+                is_fixed: false,
+            });
+        }
+        let refines = self.groups.iter().any(|g| g.refines);
+        let options = BundleOptions {
+            loss: Loss::Cauchy(effort.loss_px),
+            refines_focal: refines && num_registered >= self.params.refine_focal_from,
+            refines_radial: refines && num_registered >= self.params.refine_radial_from,
+            max_iterations: effort.iterations,
+            tolerance: effort.tolerance,
+        };
+        problem.intrinsics = (0..self.groups.len())
+            .map(|g| self.intrinsics(attempt, g, options.refines_radial))
+            .collect();
+        let chosen = self.cover(attempt, effort.points_per_picture);
+        for (p, t) in chosen.iter().enumerate() {
+            let Some(point) = &attempt.points[*t] else {
+                continue;
+            };
+            problem.points.push(point.position);
+            for o in &point.observations {
+                let picture = &self.pictures[o.view as usize];
+                let pixel = picture.features.keypoints[o.feature as usize].pixel;
+                if let Some(place_px) = Self::place_px(&attempt.cameras[picture.camera], pixel) {
+                    problem.observations.push(BundleObservation {
+                        camera: camera_of[o.view as usize],
+                        point: p as u32,
+                        place_px,
+                    });
+                }
+            }
+        }
+        if problem.points.is_empty() || bundle::adjust(&mut problem, &options).is_err() {
+            return;
+        }
+        for (i, camera) in registered.iter().zip(&problem.cameras) {
+            attempt.poses[*i] = Some(camera.cam_from_world);
+        }
+        for (t, position) in chosen.iter().zip(&problem.points) {
+            if let Some(point) = &mut attempt.points[*t] {
+                point.position = *position;
+            }
+        }
+        for (g, intrinsics) in problem.intrinsics.iter().enumerate() {
+            if self.groups[g].refines {
+                let camera = &mut attempt.cameras[g];
+                let c = camera.principal_point();
+                camera.model = CameraModel::SimpleRadial {
+                    f: intrinsics.focal_px,
+                    cx: c.x,
+                    cy: c.y,
+                    k: intrinsics.k,
+                };
+            }
+        }
+    }
+
+    /// Tracks with points, longest first, until every picture has its share.
+    fn cover(&self, attempt: &Attempt, per_picture: usize) -> Vec<usize> {
+        let mut with_points: Vec<(usize, usize)> = attempt
+            .points
+            .iter()
+            .enumerate()
+            .filter_map(|(t, p)| Some((p.as_ref()?.observations.len(), t)))
+            .collect();
+        with_points.sort_unstable_by_key(|(len, t)| (core::cmp::Reverse(*len), *t));
+        let mut have = vec![0usize; attempt.poses.len()];
+        let mut chosen = Vec::new();
+        for (_, t) in with_points {
+            let Some(point) = &attempt.points[t] else {
+                continue;
+            };
+            if point
+                .observations
+                .iter()
+                .any(|o| have[o.view as usize] < per_picture)
+            {
+                for o in &point.observations {
+                    have[o.view as usize] += 1;
+                }
+                chosen.push(t);
+            }
+        }
+        chosen.sort_unstable();
+        chosen
+    }
+
+    /// Takes poses from pictures that hardly any point holds. How many it were.
+    pub(super) fn drop_strays(&self, attempt: &mut Attempt) -> usize {
+        let mut seen = vec![0usize; attempt.poses.len()];
+        for o in attempt
+            .points
+            .iter()
+            .flatten()
+            .flat_map(|p| &p.observations)
+        {
+            seen[o.view as usize] += 1;
+        }
+        let mut num = 0;
+        for (pose, seen) in attempt.poses.iter_mut().zip(seen) {
+            if pose.is_some() && seen < self.params.min_inliers {
+                *pose = None;
+                num += 1;
+            }
+        }
+        num
+    }
+}
+
+/// How thoroughly to adjust.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Effort {
+    pub(super) points_per_picture: usize,
+    pub(super) iterations: usize,
+    pub(super) tolerance: f64,
+    pub(super) loss_px: f64,
+}
+
+impl Effort {
+    /// While it grows.
+    pub(super) fn quick() -> Self {
+        Self {
+            points_per_picture: 120,
+            iterations: 12,
+            tolerance: 1e-3,
+            loss_px: 2.0,
+        }
+    }
+
+    /// In the end.
+    pub(super) fn thorough() -> Self {
+        Self {
+            points_per_picture: 600,
+            iterations: 25,
+            tolerance: 1e-5,
+            loss_px: 1.5,
+        }
+    }
+}
+
+impl Attempt {
+    pub(super) fn num_registered(&self) -> usize {
+        self.poses.iter().flatten().count()
+    }
+
+    pub(super) fn num_points(&self) -> usize {
+        self.points.iter().flatten().count()
+    }
+
+    pub(super) fn num_observations(&self) -> usize {
+        self.points
+            .iter()
+            .flatten()
+            .map(|p| p.observations.len())
+            .sum()
+    }
+
+    /// Forgets which pictures could not be located.
+    pub(super) fn try_all_again(&mut self) {
+        self.tried.fill(0);
+    }
+}

@@ -1,0 +1,459 @@
+//! Structure from motion: camera poses from pictures alone.
+//!
+//! * **In and out**: [`Picture`]s with features and a camera group each; out a [`Motion`]: components of posed pictures with
+//!   points, refined cameras, and for every picture left out the reason.
+//! * **Spaces and units**: pixels of each picture; the world is that of the first picture of each component's start, in an
+//!   arbitrary unit.
+//! * **Method**: candidate pairs ([`candidate_pairs`]), mutual matches, two-view geometry with a label, focal length by vote,
+//!   loops that need agreeing neighbours, then growth from a start pair: register, triangulate, adjust. The largest model
+//!   wins; a toy of a few pictures is never delivered while more can be had.
+//! * **Invariants**: no files, no clock, threads only with `parallel`; the same pictures give the same result.
+//! * **Cost**: matching and verification grow with pairs, adjustment with the cube of the pictures.
+//!
+//! Known limit: over a walk that comes back after a long way, drift larger than [`MotionParams::max_error_px`] is not closed
+//! yet, so nothing delivers these poses to users; `rms_px` alone does not show it.
+//!
+//! Sources: Schönberger and Frahm, Structure-from-Motion Revisited (2016), for what incremental mapping needs.
+
+mod candidates;
+mod grow;
+mod loops;
+mod start;
+mod verify;
+
+pub use candidates::{CandidateParams, candidate_pairs};
+pub use loops::LoopParams;
+pub use verify::{PairMatches, VerifiedPair};
+
+use super::{Observation, PointTrack, TwoViewKind, TwoViewParams};
+use crate::features::FeatureSet;
+use crate::geometry::{CamFromWorld, Camera};
+use grow::{Attempt, Ground};
+use start::{best_start, focal_hypotheses, grow_all, with_focal};
+
+/// A picture to be posed.
+#[derive(Debug, Clone, Copy)]
+pub struct Picture<'a> {
+    /// In pixels of its camera.
+    pub features: &'a FeatureSet,
+    /// Index of its camera group.
+    pub camera: usize,
+}
+
+/// Pictures that were taken with the same camera and zoom.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CameraGroup {
+    /// As given; of an unknown camera only the size and the principal point count.
+    pub camera: Camera,
+    /// Whether the focal length is given at all.
+    pub has_focal: bool,
+    /// Whether focal length and one radial term are adjusted.
+    pub refines: bool,
+    /// Standard deviation of ln f about the start while it is refined.
+    pub sigma_ln: f64,
+}
+
+impl CameraGroup {
+    /// Intrinsics that are taken as they are.
+    pub fn given(camera: Camera) -> Self {
+        Self {
+            camera,
+            has_focal: true,
+            refines: false,
+            sigma_ln: 0.02,
+        }
+    }
+
+    /// Only the size of the pictures is known.
+    pub fn unknown(width: u32, height: u32) -> Self {
+        let focal = super::FOCAL_PRIOR * f64::from(width.max(height));
+        Self {
+            camera: Camera::centered(width, height, focal),
+            has_focal: false,
+            refines: true,
+            sigma_ln: 0.3,
+        }
+    }
+
+    fn prior_focal_px(&self) -> f64 {
+        let (fx, fy) = self.camera.focal_px();
+        0.5 * (fx + fy)
+    }
+}
+
+/// Thresholds and limits.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MotionParams {
+    /// Which pairs are compared.
+    pub candidates: CandidateParams,
+    /// Least cosine of matched descriptors.
+    pub min_cosine: f32,
+    /// Two-view geometry.
+    pub two_view: TwoViewParams,
+    /// Loops.
+    pub loops: LoopParams,
+    /// Largest reprojection error of an observation.
+    pub max_error_px: f64,
+    /// Least angle between two rays of a point.
+    pub min_angle_deg: f64,
+    /// Points that a picture must agree with to be registered.
+    pub min_inliers: usize,
+    /// Share of the points that it sees.
+    pub min_inlier_share: f64,
+    /// Points that two pictures must have to start.
+    pub min_start_points: usize,
+    /// Pictures from which on the focal length is adjusted.
+    pub refine_focal_from: usize,
+    /// Pictures from which on the radial term is adjusted.
+    pub refine_radial_from: usize,
+    /// Pictures in the smallest component that is delivered.
+    pub min_component: usize,
+}
+
+impl Default for MotionParams {
+    fn default() -> Self {
+        Self {
+            candidates: CandidateParams::default(),
+            min_cosine: 0.82,
+            two_view: TwoViewParams {
+                max_iterations: 500,
+                ..TwoViewParams::default()
+            },
+            loops: LoopParams::default(),
+            max_error_px: 4.0,
+            min_angle_deg: 1.5,
+            min_inliers: 20,
+            min_inlier_share: 0.3,
+            min_start_points: 40,
+            refine_focal_from: 4,
+            refine_radial_from: 12,
+            min_component: 3,
+        }
+    }
+}
+
+/// What is being done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    /// Descriptors of pairs are compared.
+    Match,
+    /// Geometry of pairs is estimated.
+    Verify,
+    /// Pictures are registered.
+    Grow,
+    /// Everything is adjusted.
+    Adjust,
+}
+
+/// Called with what is done of how much; false stops the work.
+pub type Observer<'a> = dyn FnMut(Stage, usize, usize) -> bool + 'a;
+
+struct Watch<'a> {
+    observer: &'a mut Observer<'a>,
+}
+
+impl Watch<'_> {
+    /// `None` when the caller wants no more.
+    fn tell(&mut self, stage: Stage, done: usize, total: usize) -> Option<()> {
+        (self.observer)(stage, done, total).then_some(())
+    }
+}
+
+/// Why a picture has no pose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum LeftOut {
+    /// It shows nothing that another picture shows.
+    NothingInCommon,
+    /// All that it has in common with others was seen from the same spot.
+    OnlyTurned,
+    /// It has much in common with others, but they could not be located either, or it sees too few of their points.
+    TooFewPoints,
+    /// It sees points of the model, but no pose explains them.
+    NoPose,
+}
+
+impl LeftOut {
+    /// What happened and what helps, for people.
+    pub fn message(self) -> &'static str {
+        match self {
+            Self::NothingInCommon => {
+                "shows nothing that another picture shows: take pictures in between, or leave it out"
+            }
+            Self::OnlyTurned => {
+                "the camera only turned on the spot: walk sideways while you film, do not turn only"
+            }
+            Self::TooFewPoints => {
+                "sees too few points of the model: move slower here, with more light and more texture in view"
+            }
+            Self::NoPose => {
+                "no position explains what it shows: another zoom, something that moved, or a place that looks like another"
+            }
+        }
+    }
+}
+
+/// Pictures that were posed together, in one world of their own.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Component {
+    /// One for each camera group.
+    pub cameras: Vec<Camera>,
+    /// One for each picture, in their order.
+    pub cam_from_world: Vec<Option<CamFromWorld>>,
+    /// Points with the keypoints that see them; views are indices of pictures.
+    pub points: Vec<PointTrack>,
+    /// Root mean square of the reprojection errors.
+    pub rms_px: f64,
+}
+
+impl Component {
+    /// Posed pictures.
+    pub fn num_registered(&self) -> usize {
+        self.cam_from_world.iter().flatten().count()
+    }
+}
+
+/// What came out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Motion {
+    /// Largest first.
+    pub components: Vec<Component>,
+    /// For each picture that no component has.
+    pub left_out: Vec<(usize, LeftOut)>,
+    /// Pairs far apart that their neighbours contradict.
+    pub rejected_loops: Vec<(u32, u32)>,
+    /// Pairs that were compared, that had geometry, and the three labels.
+    pub num_pairs: PairCounts,
+    /// What the pairs say about the focal length of each group, in pixels, best first; empty where it was given.
+    pub focal_votes_px: Vec<Vec<f64>>,
+}
+
+/// How many pairs came how far.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct PairCounts {
+    /// With enough matches.
+    pub matched: usize,
+    /// With geometry.
+    pub verified: usize,
+    /// Labelled general.
+    pub general: usize,
+    /// Labelled planar.
+    pub planar: usize,
+    /// Labelled rotation only.
+    pub turned: usize,
+}
+
+/// Why there is no model at all.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum MotionError {
+    /// Fewer than two pictures.
+    #[error("{0} pictures are too few: poses need at least three that overlap, better thirty")]
+    TooFew(usize),
+    /// A picture names a camera group that is not there.
+    #[error("picture {picture} names camera group {group}, there are {num_groups}")]
+    NoGroup {
+        /// Which one.
+        picture: usize,
+        /// What it names.
+        group: usize,
+        /// How many there are.
+        num_groups: usize,
+    },
+    /// No two pictures see the same thing from two places.
+    #[error(
+        "no two of the {pictures} pictures show the same thing from two places ({verified} pairs overlap, {turned} of them only turned): {advice}"
+    )]
+    NoStart {
+        /// Pictures in all.
+        pictures: usize,
+        /// Pairs with geometry.
+        verified: usize,
+        /// Pairs that only turned.
+        turned: usize,
+        /// What helps.
+        advice: &'static str,
+    },
+    /// The caller stopped it.
+    #[error("stopped")]
+    Stopped,
+}
+
+/// Matches of the candidate pairs: the first half of [`reconstruct_motion`], to be kept where it is to be resumable.
+///
+/// # Errors
+/// [`MotionError::TooFew`], [`MotionError::NoGroup`], [`MotionError::Stopped`].
+pub fn match_pictures<'o>(
+    pictures: &[Picture<'_>],
+    groups: &[CameraGroup],
+    params: &MotionParams,
+    observer: &'o mut Observer<'o>,
+) -> Result<Vec<PairMatches>, MotionError> {
+    check(pictures, groups)?;
+    let features: Vec<&FeatureSet> = pictures.iter().map(|p| p.features).collect();
+    let candidates = candidate_pairs(&features, &params.candidates);
+    let mut watch = Watch { observer };
+    let least = params.two_view.min_inliers;
+    verify::match_candidates(pictures, &candidates, params.min_cosine, least, &mut watch)
+        .ok_or(MotionError::Stopped)
+}
+
+fn check(pictures: &[Picture<'_>], groups: &[CameraGroup]) -> Result<(), MotionError> {
+    if pictures.len() < 2 {
+        return Err(MotionError::TooFew(pictures.len()));
+    }
+    match pictures.iter().position(|p| p.camera >= groups.len()) {
+        Some(picture) => Err(MotionError::NoGroup {
+            picture,
+            group: pictures[picture].camera,
+            num_groups: groups.len(),
+        }),
+        None => Ok(()),
+    }
+}
+
+/// Poses and points from matched pairs.
+///
+/// # Errors
+/// See [`MotionError`]: when nothing can be reconstructed, or the observer stopped it.
+pub fn reconstruct_motion<'o>(
+    pictures: &[Picture<'_>],
+    groups: &[CameraGroup],
+    matches: &[PairMatches],
+    params: &MotionParams,
+    observer: &'o mut Observer<'o>,
+) -> Result<Motion, MotionError> {
+    check(pictures, groups)?;
+    let mut watch = Watch { observer };
+    let hypotheses = focal_hypotheses(pictures, groups, matches, params);
+    let mut groups = groups.to_vec();
+    let mut cameras: Vec<Camera> = Vec::new();
+    for (group, hypotheses) in groups.iter_mut().zip(&hypotheses) {
+        if let Some(focal) = hypotheses.first() {
+            group.camera = with_focal(&group.camera, *focal);
+        }
+        cameras.push(group.camera);
+    }
+    let mut pairs = verify::verify(pictures, &cameras, matches, &params.two_view, &mut watch)
+        .ok_or(MotionError::Stopped)?;
+    let rejected_loops =
+        loops::reject_lonely(&mut pairs, params.candidates.is_video, &params.loops);
+    let count = |kind| pairs.iter().filter(|p| p.geometry.kind == kind).count();
+    let num_pairs = PairCounts {
+        matched: matches.len(),
+        verified: pairs.len(),
+        general: count(TwoViewKind::General),
+        planar: count(TwoViewKind::Planar),
+        turned: count(TwoViewKind::RotationOnly),
+    };
+    let ground = Ground::new(pictures, &groups, &pairs, params);
+    let mut components: Vec<Component> = Vec::new();
+    let mut tried: Vec<(u32, u32)> = Vec::new();
+    let mut is_done = vec![false; pictures.len()];
+    let mut last: Option<Attempt> = None;
+    loop {
+        let num_left = is_done.iter().filter(|d| !**d).count();
+        if num_left < params.min_component.max(2) || components.len() >= 8 {
+            break;
+        }
+        let Some(start) = best_start(
+            &ground,
+            matches,
+            &cameras,
+            &hypotheses,
+            &is_done,
+            &mut tried,
+        ) else {
+            break;
+        };
+        let grown = grow_all(&ground, start, &is_done, &mut watch).ok_or(MotionError::Stopped)?;
+        let is_small = grown.num_registered() < params.min_component;
+        for (done, pose) in is_done.iter_mut().zip(&grown.poses) {
+            *done |= pose.is_some();
+        }
+        if !is_small {
+            components.push(component(&ground, &grown));
+            last.get_or_insert(grown);
+        }
+    }
+    components.sort_by_key(|c| core::cmp::Reverse(c.num_registered()));
+    if components.is_empty() {
+        return Err(MotionError::NoStart {
+            pictures: pictures.len(),
+            verified: num_pairs.verified,
+            turned: num_pairs.turned,
+            advice: if 2 * num_pairs.turned > num_pairs.verified && num_pairs.turned > 0 {
+                "walk sideways while you film, turning on the spot shows no depth"
+            } else if num_pairs.verified == 0 {
+                "take more pictures that overlap by half and more, sharp and with light"
+            } else {
+                "show more depth than one flat wall, and move between pictures"
+            },
+        });
+    }
+    let left_out = left_out(&ground, &components, last.as_ref());
+    Ok(Motion {
+        components,
+        left_out,
+        rejected_loops,
+        num_pairs,
+        focal_votes_px: hypotheses,
+    })
+}
+
+fn component(ground: &Ground<'_>, attempt: &Attempt) -> Component {
+    let (_, views, position) = ground.posed(attempt);
+    let (mut sum, mut num) = (0.0, 0usize);
+    let mut points = Vec::new();
+    for point in attempt.points.iter().flatten() {
+        let mut own = 0.0;
+        for o in &point.observations {
+            let view = &views[position[o.view as usize] as usize];
+            let error = view.error_px(o.feature as usize, &point.position);
+            sum += error * error;
+            own += error;
+            num += 1;
+        }
+        let mut observations: Vec<Observation> = point.observations.clone();
+        observations.sort_unstable();
+        let mut track = PointTrack::new(point.position, observations);
+        track.mean_error_px = (own / track.observations.len().max(1) as f64) as f32;
+        points.push(track);
+    }
+    Component {
+        cameras: attempt.cameras.clone(),
+        cam_from_world: attempt.poses.clone(),
+        points,
+        rms_px: (sum / num.max(1) as f64).sqrt(),
+    }
+}
+
+fn left_out(
+    ground: &Ground<'_>,
+    components: &[Component],
+    largest: Option<&Attempt>,
+) -> Vec<(usize, LeftOut)> {
+    let sees: Vec<usize> = match largest {
+        Some(attempt) => ground
+            .candidates(attempt)
+            .into_iter()
+            .map(|(i, _)| i)
+            .collect(),
+        None => Vec::new(),
+    };
+    (0..ground.pictures.len())
+        .filter(|i| components.iter().all(|c| c.cam_from_world[*i].is_none()))
+        .map(|i| {
+            let of_picture = |p: &&VerifiedPair| p.a as usize == i || p.b as usize == i;
+            let mut own = ground.pairs.iter().filter(of_picture).peekable();
+            let reason = if own.peek().is_none() {
+                LeftOut::NothingInCommon
+            } else if own.all(|p| p.geometry.kind == TwoViewKind::RotationOnly) {
+                LeftOut::OnlyTurned
+            } else if sees.contains(&i) {
+                LeftOut::NoPose
+            } else {
+                LeftOut::TooFewPoints
+            };
+            (i, reason)
+        })
+        .collect()
+}

@@ -206,6 +206,20 @@ impl<'a> GrayView<'a> {
     }
 }
 
+/// Refuses a size over the limits; for decoders, before they allocate for what a header declares.
+///
+/// # Errors
+/// [`ImageError::Empty`] or [`ImageError::TooLarge`].
+pub fn check_size(width: usize, height: usize) -> Result<(), ImageError> {
+    if width == 0 || height == 0 {
+        return Err(ImageError::Empty { width, height });
+    }
+    if width > MAX_SIDE || height > MAX_SIDE || width * height > MAX_PIXELS {
+        return Err(ImageError::TooLarge { width, height });
+    }
+    Ok(())
+}
+
 /// Shared by all views; `row` is what one row needs in units of `stride` and `len`.
 pub(crate) fn check_layout(
     len: usize,
@@ -214,12 +228,7 @@ pub(crate) fn check_layout(
     stride: usize,
     row: usize,
 ) -> Result<(), ImageError> {
-    if width == 0 || height == 0 {
-        return Err(ImageError::Empty { width, height });
-    }
-    if width > MAX_SIDE || height > MAX_SIDE || width * height > MAX_PIXELS {
-        return Err(ImageError::TooLarge { width, height });
-    }
+    check_size(width, height)?;
     if stride < row {
         return Err(ImageError::StrideTooSmall { stride, row, width });
     }

@@ -631,4 +631,26 @@ mod tests {
             Err(SceneFileError::NotFinite { .. })
         ));
     }
+
+    #[test]
+    fn a_row_factor_that_overflows_with_its_numbers_is_refused() {
+        let mut good = scene(Preset::Compact);
+        let keys = good.weights.remove("point.anchor.keys").expect("present");
+        let mut data = keys.to_f32();
+        data[0] = 987.654;
+        let keys = WeightTensor::f32(keys.shape(), data).expect("sizes");
+        good.weights.insert("point.anchor.keys", keys);
+        let mut bytes = good.to_bytes(Precision::Int8).expect("writes");
+        // The row's factor, found by its value: each of the two numbers alone is finite.
+        let factor = (987.654_f32 / 127.0).to_le_bytes();
+        let at = bytes
+            .windows(4)
+            .position(|w| w == factor)
+            .expect("the largest number of the row is 127 times the factor");
+        bytes[at..at + 4].copy_from_slice(&3.3e38_f32.to_le_bytes());
+        assert!(matches!(
+            SceneFile::from_bytes(&bytes),
+            Err(SceneFileError::NotFinite { .. })
+        ));
+    }
 }

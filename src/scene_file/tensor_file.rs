@@ -237,7 +237,8 @@ impl<'a> TensorFile<'a> {
                     .map(|b| f32::from(i8::from_le_bytes([*b])) * factor),
             );
         }
-        Ok(out)
+        // A factor near the largest number overflows.
+        finite(name, out, |x| x)
     }
 }
 

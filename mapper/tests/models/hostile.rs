@@ -184,6 +184,18 @@ fn a_memo_that_multiplies_is_held_in_bounds() {
 }
 
 #[test]
+fn memo_slots_with_gaps_are_held_in_bounds() {
+    // Each instruction of five bytes names a slot 1,024 beyond the last one.
+    let mut bytes = b"\x80\x02N".to_vec();
+    for i in 1..20_000_u32 {
+        bytes.push(b'r');
+        bytes.extend((1024 * i).to_le_bytes());
+    }
+    bytes.push(b'.');
+    reads_within_bounds(&bytes);
+}
+
+#[test]
 fn a_view_that_repeats_a_storage_is_refused() {
     // One element seen as 10^9 by a stride of zero, in the older stream format.
     let pickle = |numel: &[u8], shape: &[u8]| {

@@ -1,5 +1,7 @@
 //! The stack machine that runs a pickle, instruction by instruction.
 
+use std::collections::HashMap;
+
 use super::{Arena, Known, PickleError, StorageType, TensorView, Value, ValueId};
 
 /// The stack machine.
@@ -9,7 +11,9 @@ pub(super) struct Machine<'a> {
     arena: &'a mut Arena,
     stack: Vec<ValueId>,
     marks: Vec<usize>,
-    memo: Vec<Option<ValueId>>,
+    /// By slot. A map, because a stream may number its slots as it likes: with a list, five bytes that name a far slot
+    /// would take kilobytes.
+    memo: HashMap<usize, ValueId>,
 }
 
 impl<'a> Machine<'a> {
@@ -21,7 +25,7 @@ impl<'a> Machine<'a> {
             arena,
             stack: Vec::new(),
             marks: Vec::new(),
-            memo: Vec::new(),
+            memo: HashMap::new(),
         }
     }
 
@@ -124,24 +128,16 @@ impl<'a> Machine<'a> {
     }
 
     fn remember(&mut self, slot: usize) -> Result<(), PickleError> {
-        // Writers number the memo consecutively, so a slot far beyond the end only serves to exhaust memory.
-        if slot > self.memo.len().saturating_add(1024) {
-            return Err(self.inconsistent("a memo slot far beyond the memo"));
-        }
         let id = self.top()?;
-        if slot >= self.memo.len() {
-            self.memo.resize(slot + 1, None);
-        }
-        self.memo[slot] = Some(id);
+        self.memo.insert(slot, id);
         Ok(())
     }
 
     fn recall(&mut self, slot: usize) -> Result<(), PickleError> {
         let id = self
             .memo
-            .get(slot)
+            .get(&slot)
             .copied()
-            .flatten()
             .ok_or_else(|| self.inconsistent("a memo slot that was never filled"))?;
         self.stack.push(id);
         Ok(())

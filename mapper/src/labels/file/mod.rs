@@ -269,6 +269,39 @@ mod tests {
     }
 
     #[test]
+    fn numbers_that_the_file_cannot_hold_are_refused_before_they_are_allocated() {
+        type Change = fn(&mut serde_json::Value);
+        let cases: [(&str, Change, &str); 4] = [
+            (
+                "keypoints",
+                |h| h["images"][0]["num_keypoints"] = 100_000_000_000_u64.into(),
+                "rows of",
+            ),
+            (
+                "samples",
+                |h| h["samples_per_segment"] = (1_u64 << 62).into(),
+                "samples",
+            ),
+            (
+                "rotation",
+                |h| h["images"][0]["rotation_row_major"] = vec![0.0; 9].into(),
+                "pose of",
+            ),
+            (
+                "translation",
+                |h| h["images"][0]["translation"] = vec![1e308; 3].into(),
+                "pose of",
+            ),
+        ];
+        for (name, change, what) in cases {
+            let path = changed(name, |header, _| change(header));
+            let message = Labels::read(&path).expect_err(name).to_string();
+            std::fs::remove_file(&path).expect("exists");
+            assert!(message.contains(what), "{name}: {message}");
+        }
+    }
+
+    #[test]
     fn labels_of_an_older_version_are_refused_by_it() {
         for version in ["1", "2", "4"] {
             let path = changed("old", |_, format| {

@@ -2,6 +2,7 @@
 
 use super::super::{LabelledVariant, Labels, Origin};
 use super::{FORMAT, Header, LabelFileError, VERSION};
+use crate::dataset::rigid_from_matrix;
 use half::f16;
 use landline::features::{FeatureSet, Keypoint};
 use landline::geometry::{CamFromWorld, Pixel, Segment2};
@@ -13,7 +14,7 @@ use safetensors::tensor::{Dtype, SafeTensors};
 use std::path::Path;
 
 impl Labels {
-    /// Reads what [`Labels::write`] wrote, or version 1 of it.
+    /// Reads what [`Labels::write`] wrote, of this version.
     ///
     /// # Errors
     /// When the file is missing, damaged, or of another format.
@@ -131,6 +132,7 @@ impl<'a> Columns<'a> {
         name: &'static str,
         dtype: Dtype,
         read: fn([u8; N]) -> T,
+        is_sound: fn(&T) -> bool,
     ) -> Result<Rows<'a, N, T>, String> {
         let tensor = self.file.tensor(name).map_err(|e| e.to_string())?;
         if tensor.dtype() != dtype {
@@ -143,20 +145,26 @@ impl<'a> Columns<'a> {
             name,
             values: tensor.data().as_chunks::<N>().0,
             read,
+            is_sound,
             next: 0,
         })
     }
     fn f64s(&self, name: &'static str) -> Result<Rows<'a, 8, f64>, String> {
-        self.rows(name, Dtype::F64, f64::from_le_bytes)
+        self.rows(name, Dtype::F64, f64::from_le_bytes, |v| v.is_finite())
     }
     fn f32s(&self, name: &'static str) -> Result<Rows<'a, 4, f32>, String> {
-        self.rows(name, Dtype::F32, f32::from_le_bytes)
+        self.rows(name, Dtype::F32, f32::from_le_bytes, |v| v.is_finite())
     }
     fn f16s(&self, name: &'static str) -> Result<Rows<'a, 2, f32>, String> {
-        self.rows(name, Dtype::F16, |b| f16::from_le_bytes(b).to_f32())
+        self.rows(
+            name,
+            Dtype::F16,
+            |b| f16::from_le_bytes(b).to_f32(),
+            |v| v.is_finite(),
+        )
     }
     fn i64s(&self, name: &'static str) -> Result<Rows<'a, 8, i64>, String> {
-        self.rows(name, Dtype::I64, i64::from_le_bytes)
+        self.rows(name, Dtype::I64, i64::from_le_bytes, |_| true)
     }
 
     fn labels(&self, header: Header) -> Result<Labels, String> {
@@ -206,15 +214,21 @@ impl<'a> Columns<'a> {
                 tokens: s,
             };
             match image.variant_of {
-                None => views.push(View {
-                    name: image.name,
-                    camera: image.camera.to_camera().map_err(|e| e.to_string())?,
-                    cam_from_world: Some(CamFromWorld::new(
+                None => {
+                    let pose = CamFromWorld::new(
                         Matrix3::from_row_slice(&image.rotation_row_major),
                         Vector3::from(image.translation),
-                    )),
-                    features,
-                }),
+                    );
+                    // Checked, not repaired: what was written comes back bit for bit.
+                    rigid_from_matrix::<(), ()>(&pose.rotation, pose.translation)
+                        .map_err(|problem| format!("pose of {}: {problem}", image.name))?;
+                    views.push(View {
+                        name: image.name,
+                        camera: image.camera.to_camera().map_err(|e| e.to_string())?,
+                        cam_from_world: Some(pose),
+                        features,
+                    });
+                }
                 Some(of_view) if (of_view as usize) < views.len() => {
                     variants.push(LabelledVariant { of_view, features });
                 }
@@ -234,7 +248,7 @@ impl<'a> Columns<'a> {
     }
 
     fn points(&self, d: usize, views: &[View]) -> Result<Vec<PointTrack>, String> {
-        let mut rows = self.f64s("points")?;
+        let mut rows = self.f64s("points")?.unchecked();
         let mut descriptors = self.f16s("point_descriptors")?;
         let mut seen = self.i64s("point_observations")?;
         let num_keypoints = |f: &FeatureSet| f.keypoints.len();
@@ -242,6 +256,7 @@ impl<'a> Columns<'a> {
             .all()
             .map(|length| {
                 let v = rows.take(1, 4)?;
+                check_place("points", &v[..3])?;
                 Ok(PointTrack {
                     point_in_world: Vector3::new(v[0], v[1], v[2]),
                     mean_error_px: v[3] as f32,
@@ -253,7 +268,7 @@ impl<'a> Columns<'a> {
     }
 
     fn lines(&self, d: usize, views: &[View]) -> Result<Vec<LineTrack>, String> {
-        let mut rows = self.f64s("lines")?;
+        let mut rows = self.f64s("lines")?.unchecked();
         let mut descriptors = self.f16s("line_descriptors")?;
         let mut seen = self.i64s("line_observations")?;
         let num_segments = |f: &FeatureSet| f.segments.len();
@@ -261,6 +276,7 @@ impl<'a> Columns<'a> {
             .all()
             .map(|length| {
                 let v = rows.take(1, 7)?;
+                check_place("lines", &v[..6])?;
                 Ok(LineTrack {
                     start_in_world: Vector3::new(v[0], v[1], v[2]),
                     end_in_world: Vector3::new(v[3], v[4], v[5]),
@@ -270,6 +286,15 @@ impl<'a> Columns<'a> {
                 })
             })
             .collect()
+    }
+}
+
+/// Of a track that nobody has measured the error is NaN; where it is has to be a number.
+fn check_place(name: &str, coordinates: &[f64]) -> Result<(), String> {
+    if coordinates.iter().all(|v| v.is_finite()) {
+        Ok(())
+    } else {
+        Err(format!("`{name}` holds a position that is not finite"))
     }
 }
 
@@ -302,6 +327,7 @@ struct Rows<'a, const N: usize, T> {
     name: &'static str,
     values: &'a [[u8; N]],
     read: fn([u8; N]) -> T,
+    is_sound: fn(&T) -> bool,
     next: usize,
 }
 
@@ -320,8 +346,23 @@ impl<'a, const N: usize, T> Rows<'a, N, T> {
                     self.next
                 )
             })?;
+        let values: Vec<T> = taken.iter().map(|bytes| (self.read)(*bytes)).collect();
+        if let Some(at) = values.iter().position(|v| !(self.is_sound)(v)) {
+            return Err(format!(
+                "value {} of `{}` is not finite",
+                self.next + at,
+                self.name
+            ));
+        }
         self.next += rows * width;
-        Ok(taken.iter().map(|bytes| (self.read)(*bytes)).collect())
+        Ok(values)
+    }
+
+    fn unchecked(self) -> Self {
+        Self {
+            is_sound: |_| true,
+            ..self
+        }
     }
 
     fn all(self) -> impl Iterator<Item = T> + 'a

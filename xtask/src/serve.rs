@@ -4,11 +4,19 @@
 use crate::paths;
 use anyhow::{Context as _, Result, bail};
 use std::fs;
-use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::io::{BufRead as _, BufReader, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
-use std::time::Duration;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+/// A request's head has to arrive within this time, however it is cut up.
+const HEAD_TIME: Duration = Duration::from_secs(10);
+/// How long a connection may wait for its next request, and how long an answer may be stuck.
+const IDLE_TIME: Duration = Duration::from_secs(30);
+/// Connections at once; a browser opens six.
+const MAX_CONNECTIONS: usize = 128;
 
 /// Serves the demo page on this machine.
 #[derive(Debug, Clone, clap::Args)]
@@ -44,6 +52,7 @@ impl Default for Args {
 
 #[derive(Debug)]
 struct Site {
+    /// Without links, so that a file can be seen to lie in it.
     dir: PathBuf,
     /// Begins and ends with a slash.
     base: String,
@@ -91,6 +100,9 @@ impl Server {
         let base = format!("/{}/", args.base.trim_matches('/')).replace("//", "/");
         let listener = listen(args.port)?;
         let url = format!("http://localhost:{}{base}", listener.local_addr()?.port());
+        let dir = dir
+            .canonicalize()
+            .with_context(|| format!("cannot open {}", dir.display()))?;
         let site = Arc::new(Site { dir, base, headers });
         Ok(Self {
             listener,
@@ -111,11 +123,17 @@ impl Server {
 
     /// Serves and says nothing.
     pub(crate) fn answer_all(&self) {
+        let num_open = Arc::new(AtomicUsize::new(0));
         for stream in self.listener.incoming().flatten() {
-            let site = Arc::clone(&self.site);
+            if num_open.fetch_add(1, Ordering::Relaxed) >= MAX_CONNECTIONS {
+                num_open.fetch_sub(1, Ordering::Relaxed);
+                continue;
+            }
+            let (site, num_open) = (Arc::clone(&self.site), Arc::clone(&num_open));
             std::thread::spawn(move || {
                 // A browser that went away is no news.
                 drop(serve(&site, &stream));
+                num_open.fetch_sub(1, Ordering::Relaxed);
             });
         }
     }
@@ -150,21 +168,18 @@ fn policy(dir: &Path) -> Result<String> {
 }
 
 fn serve(site: &Site, stream: &TcpStream) -> Result<()> {
-    stream.set_read_timeout(Some(Duration::from_secs(30)))?;
+    stream.set_write_timeout(Some(IDLE_TIME))?;
     let mut reader = BufReader::new(stream);
     loop {
+        // The first byte may take its time, what follows may not.
+        stream.set_read_timeout(Some(IDLE_TIME))?;
+        if reader.fill_buf()?.is_empty() {
+            return Ok(());
+        }
+        let deadline = Instant::now() + HEAD_TIME;
         let mut head = Vec::new();
         loop {
-            let mut line = Vec::new();
-            // 16 KiB is ample for a browser's line; what is longer is cut, and then not understood.
-            if reader
-                .by_ref()
-                .take(16 << 10)
-                .read_until(b'\n', &mut line)?
-                == 0
-            {
-                return Ok(());
-            }
+            let line = line_before(&mut reader, deadline)?;
             if line == b"\r\n" || line == b"\n" {
                 break;
             }
@@ -179,6 +194,53 @@ fn serve(site: &Site, stream: &TcpStream) -> Result<()> {
         out.write_all(&answer.body)?;
         out.flush()?;
     }
+}
+
+/// One line, its end included, that has to be there by `deadline`: a sender of single bytes holds no thread for ever.
+fn line_before(reader: &mut BufReader<&TcpStream>, deadline: Instant) -> Result<Vec<u8>> {
+    // Ample for a browser's line.
+    const MAX_LINE: usize = 16 << 10;
+    let mut line = Vec::new();
+    loop {
+        let left = deadline.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            bail!("the request did not arrive in time");
+        }
+        reader.get_ref().set_read_timeout(Some(left))?;
+        let bytes = reader.fill_buf()?;
+        if bytes.is_empty() {
+            bail!("the request ends in its head");
+        }
+        let end = bytes.iter().position(|b| *b == b'\n').map(|at| at + 1);
+        let taken = end.unwrap_or(bytes.len());
+        line.extend_from_slice(&bytes[..taken]);
+        reader.consume(taken);
+        if end.is_some() {
+            return Ok(line);
+        }
+        if line.len() > MAX_LINE {
+            bail!("a header line is too long");
+        }
+    }
+}
+
+/// Whether a request asks for this machine by its own name. A page of the web can have its name point here (DNS rebinding);
+/// its requests still carry that name. Requests without a name come from no browser.
+fn is_local(head: &[String]) -> bool {
+    head.iter()
+        .skip(1)
+        .filter_map(|line| line.split_once(':'))
+        .filter(|(name, _)| name.eq_ignore_ascii_case("host"))
+        .all(|(_, host)| {
+            let host = host.trim();
+            let name = match host.rsplit_once(':') {
+                Some((name, port)) if port.bytes().all(|b| b.is_ascii_digit()) => name,
+                _ => host,
+            };
+            ["localhost", "127.0.0.1", "[::1]"]
+                .iter()
+                .any(|own| name.eq_ignore_ascii_case(own))
+        })
 }
 
 #[derive(Debug)]
@@ -201,6 +263,16 @@ fn answer(site: &Site, head: &[String]) -> Answer {
         );
     }
     let is_head = method == "HEAD";
+    if !is_local(head) {
+        return reply(
+            site,
+            "421 Misdirected Request",
+            "text/plain",
+            "",
+            b"this server answers to localhost only".to_vec(),
+            is_head,
+        );
+    }
     let Some(path) = file(site, target) else {
         return reply(
             site,
@@ -291,11 +363,14 @@ fn file(site: &Site, target: &str) -> Option<PathBuf> {
         return None;
     }
     let path = site.dir.join(rel);
-    Some(if path.is_dir() {
+    let path = if path.is_dir() {
         path.join("index.html")
     } else {
         path
-    })
+    };
+    // Nor may a link in it.
+    let path = path.canonicalize().ok()?;
+    path.starts_with(&site.dir).then_some(path)
 }
 
 fn percent_decoded(text: &str) -> Option<String> {
@@ -338,7 +413,9 @@ mod tests {
 
     fn site(base: &str) -> Site {
         Site {
-            dir: PathBuf::from(env!("CARGO_MANIFEST_DIR")),
+            dir: PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+                .canonicalize()
+                .expect("is there"),
             base: base.to_owned(),
             headers: String::new(),
         }
@@ -374,6 +451,83 @@ mod tests {
             "HTTP/1.1 405 Method Not Allowed"
         );
         assert_eq!(status(&site, ""), "HTTP/1.1 405 Method Not Allowed");
+    }
+
+    #[test]
+    fn answers_to_the_names_of_this_machine_only() {
+        let site = site("/");
+        let status = |host: &str| {
+            let head = [
+                "GET /Cargo.toml HTTP/1.1".to_owned(),
+                format!("Host: {host}"),
+            ];
+            let answer = answer(&site, &head);
+            answer.head.lines().next().unwrap_or("").to_owned()
+        };
+        for host in [
+            "localhost:8080",
+            "LocalHost",
+            "127.0.0.1:1",
+            "[::1]:8080",
+            "[::1]",
+        ] {
+            assert_eq!(status(host), "HTTP/1.1 200 OK", "{host}");
+        }
+        for host in [
+            "evil.example:8080",
+            "localhost.evil.example",
+            "127.0.0.1.evil.example",
+            "",
+        ] {
+            assert_eq!(status(host), "HTTP/1.1 421 Misdirected Request", "{host}");
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_out_of_the_folder_lead_nowhere() {
+        let folder = std::env::temp_dir().join(format!("landline-serve-{}", std::process::id()));
+        fs::create_dir_all(folder.join("site/a")).expect("writable");
+        fs::write(folder.join("private.txt"), "private").expect("writable");
+        fs::write(folder.join("site/own.txt"), "own").expect("writable");
+        let link = |from: &str, to: &str| {
+            std::os::unix::fs::symlink(from, folder.join(to)).expect("writable");
+        };
+        link("../private.txt", "site/out.txt");
+        link("..", "site/up");
+        link("own.txt", "site/in.txt");
+        let site = Site {
+            dir: folder.join("site").canonicalize().expect("is there"),
+            ..site("/")
+        };
+        assert_eq!(status(&site, "GET /in.txt HTTP/1.1"), "HTTP/1.1 200 OK");
+        for path in ["out.txt", "up/private.txt"] {
+            assert_eq!(
+                status(&site, &format!("GET /{path} HTTP/1.1")),
+                "HTTP/1.1 404 Not Found"
+            );
+        }
+        fs::remove_dir_all(&folder).expect("exists");
+    }
+
+    #[test]
+    fn a_sender_of_single_bytes_is_dropped_at_its_deadline() {
+        let listener = TcpListener::bind(("127.0.0.1", 0)).expect("a port");
+        let address = listener.local_addr().expect("has one");
+        let sender = std::thread::spawn(move || {
+            let mut stream = TcpStream::connect(address).expect("listens");
+            // Until the other side hangs up.
+            while stream.write_all(b"G").is_ok() {
+                std::thread::sleep(Duration::from_millis(20));
+            }
+        });
+        let (stream, _) = listener.accept().expect("connects");
+        let mut reader = BufReader::new(&stream);
+        let deadline = Instant::now() + Duration::from_millis(200);
+        assert!(line_before(&mut reader, deadline).is_err());
+        drop(reader);
+        drop(stream);
+        sender.join().expect("stops by itself");
     }
 
     #[test]

@@ -17,6 +17,7 @@ pub mod picture;
 mod plot;
 pub mod progress;
 pub mod scene;
+pub mod shown;
 pub mod timestamp;
 #[cfg(feature = "train")]
 pub mod train;

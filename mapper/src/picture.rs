@@ -1,9 +1,24 @@
 //! Pictures from files: decoded to grey or RGB, turned upright by their EXIF orientation.
+//!
+//! A header that declares more than the core accepts is refused before anything is allocated for it.
+
+mod whole;
 
 use image::metadata::Orientation;
-use image::{DynamicImage, ImageDecoder, ImageReader};
-use landline::image::{FrameView, GrayImage, ImageError, PixelFormat, gray_from_frame};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
+use landline::image::{FrameView, GrayImage, ImageError, PixelFormat, check_size, gray_from_frame};
 use std::path::{Path, PathBuf};
+
+/// Endings of the formats that are read.
+const ENDINGS: [&str; 7] = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp"];
+
+/// Whether a file is called like a picture that can be read.
+pub fn has_known_ending(path: &Path) -> bool {
+    path.extension().is_some_and(|e| {
+        let ending = e.to_string_lossy().to_ascii_lowercase();
+        ENDINGS.contains(&ending.as_str())
+    })
+}
 
 /// Why a picture could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -24,7 +39,7 @@ pub enum PictureError {
         /// From the decoder.
         source: image::ImageError,
     },
-    /// Decoded, but of a size that the core does not accept.
+    /// Of a size that the core does not accept.
     #[error("picture {path}: {source}")]
     Refused {
         /// The file.
@@ -32,7 +47,24 @@ pub enum PictureError {
         /// From the core.
         source: ImageError,
     },
+    /// The file ends before the picture does.
+    #[error("picture {path}: {CUT_OFF}")]
+    CutOff {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A format that needs a decoder which this tool does not have.
+    #[error("picture {path}: {format} {NOT_DECODED}")]
+    Unsupported {
+        /// The file.
+        path: PathBuf,
+        /// What it is.
+        format: &'static str,
+    },
 }
+
+const CUT_OFF: &str = "the file ends before the picture does; copy it again";
+const NOT_DECODED: &str = "pictures are not decoded here; convert them to PNG or JPEG (for example with `magick mogrify -format jpg`)";
 
 impl PictureError {
     /// What went wrong without the path, so that equal reasons can be counted.
@@ -41,6 +73,8 @@ impl PictureError {
             Self::Open { source, .. } => source.kind().to_string(),
             Self::Decode { source, .. } => source.to_string(),
             Self::Refused { source, .. } => source.to_string(),
+            Self::CutOff { .. } => CUT_OFF.to_owned(),
+            Self::Unsupported { format, .. } => format!("{format} {NOT_DECODED}"),
         }
     }
 }
@@ -58,12 +92,12 @@ pub struct Size {
     pub is_mirrored: bool,
 }
 
-/// Reads the header of a picture.
+/// Reads the header of a picture, and looks whether the file is whole.
 ///
 /// # Errors
-/// When the file cannot be opened or is no picture.
+/// When the file cannot be opened, is no picture, is larger than the core accepts, or is cut off.
 pub fn size(path: &Path) -> Result<Size, PictureError> {
-    let mut decoder = decoder(path)?;
+    let (format, mut decoder) = decoder(path)?;
     let stored = decoder.dimensions();
     let orientation = decoder
         .orientation()
@@ -71,6 +105,14 @@ pub fn size(path: &Path) -> Result<Size, PictureError> {
             path: path.to_owned(),
             source,
         })?;
+    let is_whole = whole::is_whole(path, format).map_err(|source| PictureError::Open {
+        path: path.to_owned(),
+        source,
+    })?;
+    if !is_whole {
+        // Some cameras leave the end marker out; only the pixels tell.
+        read(path)?;
+    }
     let (quarter_turns, is_mirrored) = match orientation {
         Orientation::NoTransforms => (0, false),
         Orientation::Rotate90 => (1, false),
@@ -91,36 +133,85 @@ pub fn size(path: &Path) -> Result<Size, PictureError> {
     })
 }
 
-fn decoder(path: &Path) -> Result<impl ImageDecoder + use<>, PictureError> {
+/// A decoder that has read the header, of a picture that is not too large.
+fn decoder(path: &Path) -> Result<(ImageFormat, impl ImageDecoder + use<>), PictureError> {
     let open = |source| PictureError::Open {
         path: path.to_owned(),
         source,
     };
-    ImageReader::open(path)
+    let decode = |source| PictureError::Decode {
+        path: path.to_owned(),
+        source,
+    };
+    if let Some(format) = whole::undecoded_format(path).map_err(open)? {
+        return Err(PictureError::Unsupported {
+            path: path.to_owned(),
+            format,
+        });
+    }
+    let reader = ImageReader::open(path)
         .map_err(open)?
         .with_guessed_format()
-        .map_err(open)?
-        .into_decoder()
-        .map_err(|source| PictureError::Decode {
-            path: path.to_owned(),
-            source,
-        })
+        .map_err(open)?;
+    let format = reader.format();
+    let decoder = reader.into_decoder().map_err(decode)?;
+    let (width, height) = decoder.dimensions();
+    check_size(width as usize, height as usize).map_err(|source| PictureError::Refused {
+        path: path.to_owned(),
+        source,
+    })?;
+    // A decoder was found by its format.
+    Ok((format.unwrap_or(ImageFormat::Png), decoder))
 }
 
 /// Decodes a picture and turns it upright by its EXIF orientation.
 ///
 /// # Errors
-/// When the file cannot be opened or decoded.
+/// When the file cannot be opened or decoded, is larger than the core accepts, or is cut off.
 pub fn read(path: &Path) -> Result<DynamicImage, PictureError> {
     let decode = |source| PictureError::Decode {
         path: path.to_owned(),
         source,
     };
-    let mut decoder = decoder(path)?;
+    let (format, mut decoder) = decoder(path)?;
     let orientation = decoder.orientation().map_err(decode)?;
     let mut picture = DynamicImage::from_decoder(decoder).map_err(decode)?;
+    let is_whole = whole::is_whole(path, format).map_err(|source| PictureError::Open {
+        path: path.to_owned(),
+        source,
+    })?;
+    if !is_whole && whole::ends_blank(&picture) {
+        return Err(PictureError::CutOff {
+            path: path.to_owned(),
+        });
+    }
+    fill_depth(&mut picture);
     picture.apply_orientation(orientation);
     Ok(picture)
+}
+
+/// Sensors of 10, 12 or 14 bits are often written into 16 without being scaled; such a picture would be read as black.
+fn fill_depth(picture: &mut DynamicImage) {
+    fn fill(pixels: &mut [u16], channels: usize, colors: usize) {
+        let values = || pixels.chunks_exact(channels).flat_map(|p| &p[..colors]);
+        let largest = values().copied().max().unwrap_or(0);
+        let full = [8, 10, 12, 14].map(|bits| (1_u32 << bits) - 1);
+        let Some(full) = full.into_iter().find(|full| u32::from(largest) <= *full) else {
+            return;
+        };
+        for pixel in pixels.chunks_exact_mut(channels) {
+            for v in &mut pixel[..colors] {
+                *v = (u32::from(*v) * 65_535 / full) as u16;
+            }
+        }
+    }
+    match picture {
+        DynamicImage::ImageLuma16(p) => fill(p, 1, 1),
+        DynamicImage::ImageLumaA16(p) => fill(p, 2, 1),
+        DynamicImage::ImageRgb16(p) => fill(p, 3, 3),
+        DynamicImage::ImageRgba16(p) => fill(p, 4, 3),
+        _ => {}
+    }
 }
 
 /// Decodes a picture to grey, by the same luma as a frame in the browser.
@@ -150,7 +241,7 @@ pub fn read_gray(path: &Path) -> Result<GrayImage, PictureError> {
 pub fn write_png(picture: &image::RgbImage, path: &Path) -> std::io::Result<()> {
     let mut bytes = std::io::Cursor::new(Vec::new());
     picture
-        .write_to(&mut bytes, image::ImageFormat::Png)
+        .write_to(&mut bytes, ImageFormat::Png)
         .map_err(std::io::Error::other)?;
     crate::files::write_bytes(path, bytes.get_ref())
 }

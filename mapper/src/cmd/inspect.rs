@@ -1,5 +1,6 @@
 //! `landline inspect`: a readable card of a scene file or an extractor file, or what is wrong with it.
 
+use crate::shown::shown;
 use crate::units::accuracy;
 use anyhow::{Context as _, Result};
 use landline::models::{LineBranchConfig, PointBranchConfig, RegressorConfig};
@@ -33,7 +34,7 @@ pub fn run(args: Args) -> Result<()> {
     if args.json {
         println!("{text}");
     } else {
-        println!("{name}: {} bytes\n{text}", group(bytes.len()));
+        println!("{}: {} bytes\n{text}", shown(&name), group(bytes.len()));
     }
     Ok(())
 }
@@ -102,7 +103,7 @@ fn storage(file: &TensorFile<'_>) -> String {
 }
 
 fn line(out: &mut String, key: &str, value: &str) {
-    out.push_str(&format!("  {key:<12} {value}\n"));
+    out.push_str(&format!("  {key:<12} {}\n", shown(value)));
 }
 
 fn scene_card(scene: &SceneFile) -> String {

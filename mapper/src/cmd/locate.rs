@@ -6,6 +6,7 @@ use crate::eval::PoseError;
 use crate::overlay;
 use crate::picture;
 use crate::scene::{ExtractorArgs, KernelArgs, read_scene, relocalizer};
+use crate::shown::shown;
 use anyhow::{Context, Result, ensure};
 use landline::geometry::{Camera, CameraRecord};
 use landline::image::{FrameView, PixelFormat};
@@ -201,7 +202,7 @@ fn locate(
 }
 
 fn print_report(path: &Path, report: &Report, backend: &Backend) {
-    println!("{}", path.display());
+    println!("{}", shown(&path.display().to_string()));
     let c = &report.counts;
     match &report.outcome {
         Outcome::Located(l) => {

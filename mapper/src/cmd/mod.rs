@@ -19,10 +19,12 @@ pub mod sample;
 #[cfg(feature = "train")]
 pub mod train;
 
-/// What went wrong, outermost first; a cause that the text before it already ends with is not told again.
+use crate::shown::shown;
+
+/// What went wrong, outermost first and in one line; a cause that the text before it already ends with is not told again.
 pub fn told(error: &anyhow::Error) -> String {
     let mut text = String::new();
-    for cause in error.chain().map(ToString::to_string) {
+    for cause in error.chain().map(|c| shown(&c.to_string()).into_owned()) {
         if text.ends_with(&cause) {
             continue;
         }

@@ -3,6 +3,7 @@
 //! Every version writes the full pose of each picture into `images`, rigs or not, so `rigs` and `frames` need no reading.
 //! Pixels are corner-based and poses camera from world, as ours.
 
+use super::args::QuaternionOrder;
 use super::camera::{colmap_model, expressed};
 use super::pictures::Pictures;
 use super::pose_check::rigid_from_quaternion;
@@ -15,7 +16,7 @@ use std::path::{Path, PathBuf};
 
 struct RawImage {
     name: String,
-    wxyz: [f64; 4],
+    quaternion: [f64; 4],
     translation: [f64; 3],
     camera: u32,
     /// Pixel and id of its 3D point.
@@ -35,16 +36,41 @@ struct RawModel {
     points: Vec<RawPoint>,
 }
 
-/// The model folder in a workspace: the folder itself, or the one under `sparse` with the largest `images` file.
-pub(super) fn find_model(root: &Path) -> Option<PathBuf> {
-    let weight = |folder: &Path| {
-        ["images.bin", "images.txt"]
-            .iter()
-            .find_map(|f| std::fs::metadata(folder.join(f)).ok())
-            .map(|m| m.len())
-    };
-    if weight(root).is_some() {
-        return Some(root.to_owned());
+/// The model of a workspace, and others that were not chosen.
+pub(super) struct FoundModel {
+    /// Its folder.
+    pub(super) folder: PathBuf,
+    /// For the table, when there was a choice.
+    pub(super) note: Option<String>,
+}
+
+/// Number of pictures of the model in a folder; `None` when there is none.
+fn num_pictures(folder: &Path) -> Option<u64> {
+    use std::io::Read;
+    if let Ok(mut file) = std::fs::File::open(folder.join("images.bin")) {
+        let mut count = [0; 8];
+        // A file too short to hold a count is one that its reader refuses with the reason.
+        return Some(
+            file.read_exact(&mut count)
+                .map_or(0, |()| u64::from_le_bytes(count)),
+        );
+    }
+    let path = folder.join("images.txt");
+    path.is_file().then(|| {
+        TextFile::read(&path).map_or(0, |file| {
+            let lines = file.all_lines().filter(|l| !l.text.starts_with('#'));
+            lines.count() as u64 / 2
+        })
+    })
+}
+
+/// The model folder in a workspace: the folder itself, or the one under `sparse` with the most pictures.
+pub(super) fn find_model(root: &Path) -> Option<FoundModel> {
+    if num_pictures(root).is_some() {
+        return Some(FoundModel {
+            folder: root.to_owned(),
+            note: None,
+        });
     }
     let mut candidates = Vec::new();
     for base in [
@@ -57,15 +83,36 @@ pub(super) fn find_model(root: &Path) -> Option<PathBuf> {
             candidates.extend(entries.flatten().map(|e| e.path()));
         }
     }
-    candidates
+    // `sparse` is both a base and a folder of the root.
+    candidates.sort();
+    candidates.dedup();
+    let mut models: Vec<(u64, PathBuf)> = candidates
         .into_iter()
-        .filter_map(|folder| weight(&folder).map(|w| (w, folder)))
-        .max()
-        .map(|(_, folder)| folder)
+        .filter_map(|folder| num_pictures(&folder).map(|n| (n, folder)))
+        .collect();
+    // The most pictures; of equals the first by name.
+    models.sort_by(|a, b| b.0.cmp(&a.0).then_with(|| a.1.cmp(&b.1)));
+    let mut models = models.into_iter();
+    let (count, folder) = models.next()?;
+    let others: Vec<String> = models
+        .map(|(n, other)| format!("{} ({n} pictures)", other.display()))
+        .collect();
+    let note = (!others.is_empty()).then(|| {
+        format!(
+            "several models: {} with {count} pictures is read, not {}; give a model's folder to choose (with --pictures DIR)",
+            folder.display(),
+            others.join(", ")
+        )
+    });
+    Some(FoundModel { folder, note })
 }
 
 /// Reads a model.
-pub(super) fn read(folder: &Path, pictures: &Pictures) -> Result<Dataset, DatasetError> {
+pub(super) fn read(
+    folder: &Path,
+    pictures: &Pictures,
+    quaternions: QuaternionOrder,
+) -> Result<Dataset, DatasetError> {
     let is_binary = folder.join("images.bin").is_file();
     let raw = if is_binary {
         read_binary(folder)?
@@ -85,6 +132,12 @@ pub(super) fn read(folder: &Path, pictures: &Pictures) -> Result<Dataset, Datase
         dataset
             .notes
             .push("model with rigs: each picture's own pose is used".to_owned());
+    }
+    if raw.points.is_empty() {
+        dataset.notes.push(
+            "the model has no points (no points3D file, or an empty one): points are triangulated"
+                .to_owned(),
+        );
     }
     let mut cameras: HashMap<u32, Result<Camera, String>> = HashMap::new();
     for (id, record) in &raw.cameras {
@@ -108,20 +161,23 @@ pub(super) fn read(folder: &Path, pictures: &Pictures) -> Result<Dataset, Datase
                 ));
             }
         };
-        let cam_from_world = match rigid_from_quaternion(image.wxyz, image.translation.into()) {
+        let cam_from_world = match rigid_from_quaternion(
+            quaternions.wxyz(image.quaternion),
+            image.translation.into(),
+        ) {
             Ok(transform) => transform,
             Err(problem) => {
                 dataset.drop_image(&image.name, format!("pose: {problem}"));
                 continue;
             }
         };
-        let Some((path, _)) = pictures.find(&image.name, &mut dataset) else {
+        let Some(found) = pictures.find(&image.name, &mut dataset) else {
             continue;
         };
         position_of.insert(*id, dataset.images.len());
         dataset.images.push(DatasetImage {
-            name: image.name.clone(),
-            path,
+            name: found.name,
+            path: found.path,
             camera,
             cam_from_world: Some(cam_from_world),
             split: Split::Train,
@@ -276,7 +332,7 @@ fn read_binary(folder: &Path) -> Result<RawModel, DatasetError> {
     let mut images = Vec::new();
     for _ in 0..r.count(73)? {
         let id = r.u32()?;
-        let wxyz = [r.f64()?, r.f64()?, r.f64()?, r.f64()?];
+        let quaternion = [r.f64()?, r.f64()?, r.f64()?, r.f64()?];
         let translation = [r.f64()?, r.f64()?, r.f64()?];
         let camera = r.u32()?;
         let name = r.name()?;
@@ -290,7 +346,7 @@ fn read_binary(folder: &Path) -> Result<RawModel, DatasetError> {
             id,
             RawImage {
                 name,
-                wxyz,
+                quaternion,
                 translation,
                 camera,
                 keypoints,
@@ -298,13 +354,21 @@ fn read_binary(folder: &Path) -> Result<RawModel, DatasetError> {
         ));
     }
 
+    let mut points = Vec::new();
+    // Poses do not need points: a model of known poses has none.
+    if !folder.join("points3D.bin").exists() {
+        return Ok(RawModel {
+            cameras,
+            images,
+            points,
+        });
+    }
     let (path, bytes) = load("points3D.bin")?;
     let mut r = Reader {
         path: &path,
         bytes: &bytes,
         next: 0,
     };
-    let mut points = Vec::new();
     for _ in 0..r.count(51)? {
         let id = r.u64()?;
         let position = [r.f64()?, r.f64()?, r.f64()?];
@@ -354,15 +418,15 @@ fn read_text(folder: &Path) -> Result<RawModel, DatasetError> {
             continue;
         }
         let fields = line.fields();
-        let Some((numbers, name)) = fields
+        let Some((numbers, _)) = fields
             .split_first_chunk::<9>()
-            .filter(|(_, n)| !n.is_empty())
+            .filter(|(_, name)| !name.is_empty())
         else {
             return Err(line.error(
                 "expected `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, and keypoints on every second line",
             ));
         };
-        let pose = line.finite(&numbers[1..8])?;
+        let pose = line.numbers(&numbers[1..8])?;
         // The second line, which may be empty, is x, y, point id, repeatedly.
         let mut keypoints = Vec::new();
         if let Some(second) = lines.next() {
@@ -384,8 +448,8 @@ fn read_text(folder: &Path) -> Result<RawModel, DatasetError> {
         images.push((
             line.number(numbers[0])?,
             RawImage {
-                name: name.join(" "),
-                wxyz: [pose[0], pose[1], pose[2], pose[3]],
+                name: line.split_at(9).1.to_owned(),
+                quaternion: [pose[0], pose[1], pose[2], pose[3]],
                 translation: [pose[4], pose[5], pose[6]],
                 camera: line.number(numbers[8])?,
                 keypoints,
@@ -395,6 +459,14 @@ fn read_text(folder: &Path) -> Result<RawModel, DatasetError> {
 
     let mut points = Vec::new();
     let path = folder.join("points3D.txt");
+    // Poses do not need points: a model of known poses has none.
+    if !path.exists() {
+        return Ok(RawModel {
+            cameras,
+            images,
+            points,
+        });
+    }
     let file = TextFile::read(&path)?;
     for line in file.lines() {
         let fields = line.fields();

@@ -2,9 +2,8 @@
 //! (`W H f cx cy ...`), and `train_test_val.pkl`.
 
 use super::camera::expressed;
-use super::pictures::{Pictures, list_files};
-use super::pose_check::rigid_from_matrix;
-use super::pose_list::block_and_translation;
+use super::pictures::{FoundPicture, Pictures, list_files};
+use super::pose_check::{block_and_translation, rigid_from_matrix};
 use super::text::TextFile;
 use super::{Dataset, DatasetError, DatasetImage, Split};
 use crate::import::pickle::{Arena, Value};
@@ -121,7 +120,7 @@ pub(super) fn read(root: &Path, pictures: &Pictures) -> Result<Dataset, DatasetE
                 continue;
             }
         };
-        let Some((path, _)) = pictures.find(&name, &mut dataset) else {
+        let Some(FoundPicture { name, path, .. }) = pictures.find(&name, &mut dataset) else {
             continue;
         };
         let split = split_of.get(&name).copied().unwrap_or(if has_split {

@@ -3,8 +3,9 @@
 //! Segment files of any detector in that layout will do; the tracks may be missing. Fields are separated by any white
 //! space, because versions differ. Segment ends count pixel centres as integers, so half a pixel is added.
 
+use super::names::Names;
 use super::text::TextFile;
-use super::{Dataset, DatasetError, ModelLine};
+use super::{Dataset, DatasetError, ModelLine, segment_scale};
 use nalgebra::Vector3;
 use std::collections::HashMap;
 use std::path::Path;
@@ -12,15 +13,10 @@ use std::path::Path;
 /// Adds lines and segments of a folder to a data set.
 pub(super) fn read_into(folder: &Path, dataset: &mut Dataset) -> Result<(), DatasetError> {
     dataset.sources.push(folder.to_owned());
-    let position_of_name: HashMap<&str, usize> = dataset
-        .images
-        .iter()
-        .enumerate()
-        .map(|(i, image)| (image.name.as_str(), i))
-        .collect();
+    let known = Names::new(dataset.images.iter().map(|i| i.name.as_str()));
     let list = TextFile::read(&folder.join("image_list.txt"))?;
     let mut position_of_id: HashMap<u64, usize> = HashMap::new();
-    let mut num_unknown = 0;
+    let mut unknown: Vec<&str> = Vec::new();
     for line in list.lines() {
         let Some((id, name)) = line.text.split_once(',') else {
             return Err(line.error("expected `id, name`"));
@@ -30,25 +26,26 @@ pub(super) fn read_into(folder: &Path, dataset: &mut Dataset) -> Result<(), Data
             continue;
         }
         let id: u64 = line.number(id.trim())?;
-        // Names may be absolute paths: the longest suffix that is a name counts.
-        let name = name.trim();
-        let position =
-            std::iter::successors(Some(name), |n| n.split_once('/').map(|(_, rest)| rest))
-                .find_map(|suffix| position_of_name.get(suffix));
-        match position {
-            Some(position) => drop(position_of_id.insert(id, *position)),
-            None => num_unknown += 1,
+        // Names may be absolute paths of another machine.
+        match known.find(name.trim()).one() {
+            Some(position) => drop(position_of_id.insert(id, position)),
+            None => unknown.push(name.trim()),
         }
     }
     if position_of_id.is_empty() {
         return Err(DatasetError::missing(
             &folder.join("image_list.txt"),
-            format!("none of its {num_unknown} pictures is in the data set"),
+            format!(
+                "none of its {} pictures is in the data set ({})",
+                unknown.len(),
+                unknown.first().copied().unwrap_or_default()
+            ),
         ));
     }
-    if num_unknown > 0 {
+    if let Some(first) = unknown.first() {
         dataset.notes.push(format!(
-            "{num_unknown} pictures of the line map are not in the data set"
+            "{} pictures of the line map are not in the data set ({first})",
+            unknown.len()
         ));
     }
     let mut segments = vec![Vec::new(); dataset.images.len()];
@@ -72,6 +69,11 @@ pub(super) fn read_into(folder: &Path, dataset: &mut Dataset) -> Result<(), Data
         dataset
             .notes
             .push("no alltracks.txt: segments only, lines are triangulated".to_owned());
+    }
+    if let Some(note) = segment_scale::fit_to_pictures(&dataset.images, &mut segments)
+        .map_err(|what| DatasetError::missing(folder, what))?
+    {
+        dataset.notes.push(note);
     }
     dataset.segments = Some(segments);
     Ok(())

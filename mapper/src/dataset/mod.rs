@@ -3,15 +3,21 @@
 //! Every reader ends here: corner-based pixels, `cam_from_world`, OpenCV axes, the file's own length unit. What a reader
 //! could not use is not skipped in silence: it is in [`Dataset::dropped`] with the reason, and the import table prints it.
 
+mod ace;
+mod args;
+mod axes;
 pub mod camera;
+mod cameras;
 mod colmap;
 mod finish;
 mod indoor6;
 mod limap;
+mod names;
 mod open;
 mod pictures;
 mod pose_check;
 mod pose_list;
+mod segment_scale;
 mod seven_scenes;
 mod split;
 mod table;
@@ -20,13 +26,16 @@ mod transforms;
 mod tum;
 mod world;
 
-pub use open::{DataArgs, Format, open, parse_camera};
+pub use args::{DataArgs, Format, PoseCamera, PoseDirection, QuaternionOrder, parse_camera};
+pub use axes::CameraAxes;
+pub use open::open;
 pub use pose_check::{PoseProblem, rigid_from_matrix};
 pub use split::{IndexRange, Split};
 pub use world::{UnitsArg, check_scale, gravity_from_up, parse_vector};
 
 use landline::geometry::{CamFromWorld, Camera};
 use landline::scene_file::Units;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// One picture of a data set.
@@ -73,6 +82,18 @@ pub struct ModelLine {
     pub observations: Vec<(usize, usize)>,
 }
 
+/// A picture that EXIF turns, whose camera took its size from the picture: whether its pose is of the stored or of the
+/// upright pixels the data does not say. The data set has it as of upright ones; this is the other reading.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Undecided {
+    /// Index of the picture.
+    pub image: usize,
+    /// Of the upright picture, if the file means the stored one.
+    pub camera: Camera,
+    /// The same of the pose.
+    pub cam_from_world: Option<CamFromWorld>,
+}
+
 /// Pictures with cameras and poses, and what came with them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dataset {
@@ -96,10 +117,17 @@ pub struct Dataset {
     pub units: Units,
     /// Direction of gravity in the world, a unit vector, if the format or the user says it.
     pub gravity: Option<nalgebra::Vector3<f64>>,
+    /// Where the axes of the camera point in the file.
+    pub camera_axes: CameraAxes,
+    /// Turned pictures that can be read in two ways.
+    pub undecided: Vec<Undecided>,
+    /// Cameras of the stored pixels of turned pictures, by name, until the pictures are fitted.
+    stored_cameras: HashMap<String, Camera>,
 }
 
 impl Dataset {
-    fn empty(format: &'static str) -> Self {
+    /// One without pictures, to be filled.
+    pub fn empty(format: &'static str) -> Self {
         Self {
             format,
             sources: Vec::new(),
@@ -111,6 +139,9 @@ impl Dataset {
             segments: None,
             units: Units::Arbitrary,
             gravity: None,
+            camera_axes: CameraAxes::OPENCV,
+            undecided: Vec::new(),
+            stored_cameras: HashMap::new(),
         }
     }
 
@@ -119,6 +150,18 @@ impl Dataset {
             name: name.into(),
             reason: reason.into(),
         });
+    }
+
+    /// A remark that many pictures share.
+    fn note_once(&mut self, note: Option<String>) {
+        if let Some(note) = note.filter(|n| !self.notes.contains(n)) {
+            self.notes.push(note);
+        }
+    }
+
+    fn note_stored(&mut self, name: &str, camera: Option<Camera>) {
+        self.stored_cameras
+            .extend(camera.map(|camera| (name.to_owned(), camera)));
     }
 
     /// Positions of the pictures of a split.

@@ -1,128 +1,82 @@
 //! Finds out what a path is and reads it.
 
-use super::camera::expressed;
+use super::args::{DataArgs, Format, PoseCamera};
+use super::axes::CameraAxes;
+use super::cameras::CameraSource;
 use super::finish::finish;
-use super::pictures::{Pictures, list_files};
-use super::pose_list::{self, CameraSource, ListKind};
-use super::split::{self, IndexRange};
-use super::world::{UnitsArg, parse_vector};
-use super::{Dataset, DatasetError, colmap, indoor6, seven_scenes, transforms, tum};
-use landline::geometry::CameraRecord;
+use super::pictures::{MISSING, Pictures, list_files};
+use super::pose_list::{self, ListKind};
+use super::{Dataset, DatasetError, ace, colmap, indoor6, seven_scenes, split, transforms, tum};
+use landline::geometry::CamFromWorld;
 use std::path::{Path, PathBuf};
 
-/// Which data, and how to read it.
-#[derive(Debug, Clone, clap::Args)]
-pub struct DataArgs {
-    /// Data set: a folder, a pose list, or a transforms.json.
-    pub data: PathBuf,
-    /// Format; found out by itself when not given.
-    #[arg(long, value_enum)]
-    pub format: Option<Format>,
-    /// Folder of the pictures, when it is not beside the poses.
-    #[arg(long, value_name = "DIR")]
-    pub pictures: Option<PathBuf>,
-    /// File with the poses, when the folder has several or others are wanted; relative to the data set.
-    #[arg(long, value_name = "FILE")]
-    pub poses: Option<PathBuf>,
-    /// What the poses of a list map.
-    #[arg(long, value_enum)]
-    pub pose_direction: Option<PoseDirection>,
-    /// One camera for all pictures: MODEL,width,height,parameters in COLMAP's order.
-    #[arg(long, value_name = "MODEL,W,H,...", value_parser = parse_camera)]
-    pub camera: Option<CameraRecord>,
-    /// Cameras by picture: a list `name MODEL width height parameters...`.
-    #[arg(long, value_name = "FILE")]
-    pub cameras: Option<PathBuf>,
-    /// Folder of a LIMAP line map, or of any detector's segments in its layout.
-    #[arg(long, value_name = "DIR")]
-    pub lines: Option<PathBuf>,
-    /// Pictures that teach, as positions in the sorted list (0-799, 0-99,160-).
-    #[arg(long, value_name = "RANGE")]
-    pub train: Option<IndexRange>,
-    /// Pictures that test.
-    #[arg(long, value_name = "RANGE")]
-    pub test: Option<IndexRange>,
-    /// Names of the pictures that test, one a line; an hloc query list will do. The others teach.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["train", "test"])]
-    pub test_list: Option<PathBuf>,
-    /// What one unit of length of the data set is; without it, a metre where the format says so and unknown elsewhere.
-    #[arg(long, value_enum)]
-    pub units: Option<UnitsArg>,
-    /// Metres for one unit of length: the data set's lengths are multiplied by it and are metres then.
-    #[arg(
-        long,
-        value_name = "F",
-        conflicts_with = "units",
-        allow_hyphen_values = true
-    )]
-    pub scale: Option<f64>,
-    /// Which way is up in the data set's world.
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_vector)]
-    pub up: Option<[f64; 3]>,
+/// What a reader gets.
+struct Source<'a> {
+    args: &'a DataArgs,
+    /// The folder that was given, or that of the file.
+    root: &'a Path,
+    pictures: &'a Pictures,
+    cameras: CameraSource,
 }
 
-/// The formats that are read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum Format {
-    /// COLMAP sparse model, binary or text.
-    Colmap,
-    /// transforms.json of nerfstudio or instant-ngp.
-    Transforms,
-    /// 7-Scenes as shipped.
-    SevenScenes,
-    /// Folders `train|test/{rgb,poses,calibration}` of DSAC* and ACE.
-    Ace,
-    /// Indoor-6.
-    Indoor6,
-    /// TUM RGB-D.
-    Tum,
-    /// `name qw qx qy qz tx ty tz [f]`, or `name` and 16 numbers.
-    PoseList,
-    /// `name MODEL width height parameters...`: cameras without poses.
-    QueryList,
+/// One format: how a path of it looks, and what reads it.
+struct Reader {
+    format: Format,
+    recognises: fn(&Path) -> bool,
+    read: fn(Source<'_>) -> Result<Dataset, DatasetError>,
 }
 
-/// What a pose of a file maps.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum PoseDirection {
-    /// World points into camera space (COLMAP).
-    CamFromWorld,
-    /// Camera points into the world; its translation is the camera's position.
-    WorldFromCam,
-}
-
-impl std::fmt::Display for PoseDirection {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::CamFromWorld => "camera from world",
-            Self::WorldFromCam => "world from camera",
-        })
-    }
-}
-
-/// A camera from the command line: MODEL,width,height,parameters.
-///
-/// # Errors
-/// In words, for clap.
-pub fn parse_camera(text: &str) -> Result<CameraRecord, String> {
-    let fields: Vec<&str> = text.split(',').map(str::trim).collect();
-    let (&[model, width, height], params) = fields
-        .split_first_chunk::<3>()
-        .ok_or("expected MODEL,width,height,parameters")?;
-    let number = |s: &str| s.parse::<f64>().map_err(|_| format!("`{s}` is no number"));
-    let side = |s: &str| {
-        s.parse::<u32>()
-            .map_err(|_| format!("`{s}` is no size in pixels"))
-    };
-    let record = CameraRecord {
-        model: model.to_ascii_uppercase(),
-        width: side(width)?,
-        height: side(height)?,
-        params: params.iter().map(|p| number(p)).collect::<Result<_, _>>()?,
-    };
-    expressed(&record).map_err(|e| e.to_string())?;
-    Ok(record)
-}
+/// All formats, in the order in which they are tried; the first that recognises the path reads it.
+const READERS: [Reader; 8] = [
+    Reader {
+        format: Format::Colmap,
+        recognises: |path| colmap::find_model(path).is_some(),
+        read: read_colmap,
+    },
+    Reader {
+        format: Format::Transforms,
+        recognises: transforms::is_transforms,
+        read: |s| {
+            let own_split = !s.args.chooses_split();
+            transforms::read(&transforms::file_of(&s.args.data), s.pictures, own_split)
+        },
+    },
+    Reader {
+        format: Format::SevenScenes,
+        recognises: seven_scenes::is_original,
+        read: |s| {
+            let poses_of = s.args.poses_of.unwrap_or(PoseCamera::Depth);
+            seven_scenes::read_original(s.root, s.pictures, &s.cameras, poses_of)
+        },
+    },
+    Reader {
+        format: Format::Ace,
+        recognises: ace::is_ace,
+        read: |s| ace::read(s.root),
+    },
+    Reader {
+        format: Format::Indoor6,
+        recognises: indoor6::is_indoor6,
+        read: |s| indoor6::read(s.root, s.pictures),
+    },
+    Reader {
+        format: Format::Tum,
+        recognises: tum::is_tum,
+        read: |s| tum::read(s.root, s.pictures, &s.cameras),
+    },
+    Reader {
+        format: Format::QueryList,
+        // A query list has no poses: it is read where it is named or forced.
+        recognises: |_| false,
+        read: read_list,
+    },
+    Reader {
+        format: Format::PoseList,
+        // The last one: it says what was looked for in vain.
+        recognises: |_| true,
+        read: read_list,
+    },
+];
 
 /// Reads a data set and checks what every format has in common.
 ///
@@ -136,92 +90,120 @@ pub fn open(args: &DataArgs) -> Result<Dataset, DatasetError> {
     } else {
         data.parent().map(Path::to_owned).unwrap_or_default()
     };
-    let mut cameras = CameraSource {
-        given: args.camera.clone(),
-        ..CameraSource::default()
-    };
+    let mut cameras = CameraSource::new(args.camera.clone());
     if let Some(path) = &args.cameras {
         cameras.read_cameras(path)?;
     }
     let pictures = Pictures::new(&root, args.pictures.as_deref())?;
-
-    let mut dataset = match args
-        .format
-        .or_else(|| find_format(args, &root, meta.is_dir()))
-    {
-        Some(Format::Colmap) => {
-            let model = colmap::find_model(&root).ok_or_else(|| {
-                DatasetError::missing(&root, "no images.bin or images.txt here or under sparse/")
-            })?;
-            let mut dataset = colmap::read(&model, &pictures)?;
-            split::apply_lists_beside(&[&model, &root], &mut dataset)?;
-            dataset
-        }
-        Some(Format::Transforms) => {
-            let path = if meta.is_dir() {
-                root.join("transforms.json")
-            } else {
-                data.clone()
-            };
-            transforms::read(&path, &pictures)?
-        }
-        Some(Format::SevenScenes) => seven_scenes::read_original(&root, &pictures, &cameras)?,
-        Some(Format::Ace) => seven_scenes::read_ace(&root)?,
-        Some(Format::Indoor6) => indoor6::read(&root, &pictures)?,
-        Some(Format::Tum) => tum::read(&root, &pictures, &cameras)?,
-        Some(Format::PoseList | Format::QueryList) | None => {
-            let (list, kind, note) = find_list(args, &root, meta.is_dir())?;
-            let k = list.with_file_name("K.txt");
-            if cameras.given.is_none() && k.is_file() {
-                cameras.read_k(&k)?;
-            }
-            let mut dataset =
-                pose_list::read(&list, kind, &pictures, &cameras, args.pose_direction)?;
-            dataset.notes.extend(note);
-            seven_scenes::apply_split_files(&root, &mut dataset)?;
-            dataset
-        }
+    let is_meant = |reader: &&Reader| match (args.format, &args.poses) {
+        (Some(format), _) => reader.format == format,
+        // Poses that are named outrank what lies about.
+        (None, Some(_)) => reader.format == Format::PoseList,
+        (None, None) => (reader.recognises)(data),
     };
+    let reader = READERS
+        .iter()
+        .find(is_meant)
+        .ok_or_else(|| DatasetError::UnknownFormat {
+            path: data.clone(),
+            what: "no format recognises it".to_owned(),
+        })?;
+    check_meant(args, reader.format)?;
+    let mut dataset = (reader.read)(Source {
+        args,
+        root: &root,
+        pictures: &pictures,
+        cameras,
+    })?;
+    let num_missing = dataset.dropped.iter().filter(|d| d.reason == MISSING);
+    if num_missing.count() > 0 {
+        dataset.notes.push(format!(
+            "pictures were looked for in {} and below; --pictures DIR names another folder",
+            pictures.folders()
+        ));
+    }
+    apply_axes(&mut dataset, args.camera_axes);
     finish(&mut dataset, args)?;
     Ok(dataset)
 }
 
-/// What a path looks like; `None` leaves it to the lists. Poses that are named outrank what lies about.
-fn find_format(args: &DataArgs, root: &Path, is_folder: bool) -> Option<Format> {
-    if args.poses.is_some() {
-        return None;
-    }
-    if !is_folder {
-        return (args.data.extension()? == "json").then_some(Format::Transforms);
-    }
-    if colmap::find_model(root).is_some() {
-        Some(Format::Colmap)
-    } else if root.join("transforms.json").is_file() {
-        Some(Format::Transforms)
-    } else if seven_scenes::is_original(root) {
-        Some(Format::SevenScenes)
-    } else if seven_scenes::is_ace(root) {
-        Some(Format::Ace)
-    } else if indoor6::is_indoor6(root) {
-        Some(Format::Indoor6)
-    } else if tum::is_tum(root) {
-        Some(Format::Tum)
+/// Refuses options that would change nothing in this format.
+fn check_meant(args: &DataArgs, format: Format) -> Result<(), DatasetError> {
+    let is_list = matches!(format, Format::PoseList | Format::QueryList);
+    let wrong = if args.poses_of.is_some() && format != Format::SevenScenes {
+        "--poses-of is for 7-Scenes folders"
+    } else if args.quaternions.is_some() && !is_list && format != Format::Colmap {
+        "--quaternions is for pose lists and COLMAP models"
+    } else if args.pose_direction.is_some() && !is_list {
+        "--pose-direction is for pose lists"
     } else {
-        None
+        return Ok(());
+    };
+    Err(DatasetError::missing(
+        &args.data,
+        format!("{wrong}, and this is read as {format:?} (--format reads it as another)"),
+    ))
+}
+
+/// Poses of cameras with other axes than the format's own.
+fn apply_axes(dataset: &mut Dataset, axes: Option<CameraAxes>) {
+    let Some(axes) = axes else { return };
+    let turn = axes.ours_from_file * dataset.camera_axes.ours_from_file.transpose();
+    for image in &mut dataset.images {
+        image.cam_from_world = image
+            .cam_from_world
+            .map(|t| CamFromWorld::new(turn * t.rotation, turn * t.translation));
     }
+    dataset.camera_axes = axes;
+    dataset
+        .notes
+        .push(format!("camera axes of the file: {axes}"));
+}
+
+fn read_colmap(source: Source<'_>) -> Result<Dataset, DatasetError> {
+    let root = source.root;
+    let model = colmap::find_model(root).ok_or_else(|| {
+        DatasetError::missing(root, "no images.bin or images.txt here or under sparse/")
+    })?;
+    let mut dataset = colmap::read(
+        &model.folder,
+        source.pictures,
+        source.args.quaternions.unwrap_or_default(),
+    )?;
+    dataset.notes.extend(model.note);
+    if !source.args.chooses_split() {
+        split::apply_lists_beside(&[&model.folder, root], &mut dataset)?;
+    }
+    Ok(dataset)
+}
+
+fn read_list(mut source: Source<'_>) -> Result<Dataset, DatasetError> {
+    let (list, kind, note) = find_list(&source)?;
+    let k = list.with_file_name("K.txt");
+    if source.cameras.given.is_none() && k.is_file() {
+        source.cameras.read_k(&k)?;
+    }
+    let mut dataset = pose_list::read(
+        &list,
+        kind,
+        source.pictures,
+        &source.cameras,
+        source.args.pose_direction,
+        source.args.quaternions.unwrap_or_default(),
+    )?;
+    dataset.notes.extend(note);
+    seven_scenes::apply_split_files(source.root, &mut dataset)?;
+    Ok(dataset)
 }
 
 /// The pose list of a folder, what kind it is, and a remark when there was a choice.
-fn find_list(
-    args: &DataArgs,
-    root: &Path,
-    is_folder: bool,
-) -> Result<(PathBuf, ListKind, Option<String>), DatasetError> {
+fn find_list(source: &Source<'_>) -> Result<(PathBuf, ListKind, Option<String>), DatasetError> {
+    let Source { args, root, .. } = source;
     let forced = match args.format {
         Some(Format::QueryList) => Some(ListKind::Query),
         _ => None,
     };
-    let named = match (&args.poses, is_folder) {
+    let named = match (&args.poses, source.args.data.is_dir()) {
         (Some(poses), _) => Some(if poses.is_file() {
             poses.clone()
         } else {

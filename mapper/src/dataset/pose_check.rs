@@ -1,11 +1,15 @@
 //! Poses of files become rigid transforms or a problem with a name.
 
-use landline::geometry::Rigid;
+use super::args::PoseDirection;
+use landline::geometry::{CamFromWorld, Rigid, WorldFromCam};
 use nalgebra::{Matrix3, Vector3};
 
 /// Largest deviation from an orthonormal matrix that is repaired. 7-Scenes' poses are scaled by about 0.9999; files with
 /// three decimals deviate by 1e-3; a scale of 1 % or more means something else than rounding.
 const MAX_DEVIATION: f64 = 1e-2;
+
+/// The Earth in micrometres; beyond it a position holds no millimetres of anything.
+const MAX_DISTANCE: f64 = 1e13;
 
 /// Why a matrix is no pose.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -13,6 +17,12 @@ pub enum PoseProblem {
     /// NaN, infinite, or all zero.
     #[error("its numbers are not finite or all zero")]
     NotFinite,
+    /// So far away that nothing can be computed there.
+    #[error("its position is {distance:.1e} from the origin; subtract an offset from all poses")]
+    TooFar {
+        /// Length of the translation.
+        distance: f64,
+    },
     /// Determinant -1.
     #[error(
         "its rotation is mirrored (determinant {determinant:.3}): an axis is flipped, which no camera can do; check \
@@ -51,7 +61,8 @@ pub fn rigid_from_matrix<To, From>(
         return Err(PoseProblem::NotFinite);
     }
     let determinant = block.determinant();
-    if determinant == 0.0 {
+    // Of numbers near the largest one it is not finite.
+    if determinant == 0.0 || !determinant.is_finite() {
         return Err(PoseProblem::NotFinite);
     }
     if determinant < 0.0 {
@@ -63,12 +74,13 @@ pub fn rigid_from_matrix<To, From>(
     };
     let rotation = u * v_t;
     let deviation = (block - rotation).abs().max();
-    if deviation > MAX_DEVIATION {
+    if !(deviation <= MAX_DEVIATION) {
         return Err(PoseProblem::NotRigid {
             deviation,
             scale: determinant.cbrt(),
         });
     }
+    check_distance(&translation)?;
     Ok(Rigid::new(rotation, translation))
 }
 
@@ -84,19 +96,53 @@ pub(super) fn rigid_from_quaternion<To, From>(
     if !norm.is_finite() || norm == 0.0 || !translation.iter().all(|v| v.is_finite()) {
         return Err(PoseProblem::NotFinite);
     }
-    if (norm - 1.0).abs() > MAX_DEVIATION {
+    if !((norm - 1.0).abs() <= MAX_DEVIATION) {
         return Err(PoseProblem::NotRigid {
             deviation: (norm - 1.0).abs(),
             scale: norm,
         });
     }
+    check_distance(&translation)?;
     Ok(Rigid::from_quaternion_wxyz(wxyz, translation))
+}
+
+fn check_distance(translation: &Vector3<f64>) -> Result<(), PoseProblem> {
+    let distance = translation.norm();
+    if distance <= MAX_DISTANCE {
+        Ok(())
+    } else {
+        Err(PoseProblem::TooFar { distance })
+    }
+}
+
+/// Rotation block and translation of a row-major 3x4 or 4x4 matrix.
+pub(super) fn block_and_translation(v: &[f64]) -> (Matrix3<f64>, Vector3<f64>) {
+    let at = |r: usize, c: usize| v.get(4 * r + c).copied().unwrap_or(f64::NAN);
+    (
+        Matrix3::from_fn(at),
+        Vector3::new(at(0, 3), at(1, 3), at(2, 3)),
+    )
+}
+
+impl PoseDirection {
+    /// The transform of our convention.
+    pub(super) fn cam_from_world(
+        self,
+        block: &Matrix3<f64>,
+        translation: Vector3<f64>,
+    ) -> Result<CamFromWorld, PoseProblem> {
+        match self {
+            Self::CamFromWorld => rigid_from_matrix(block, translation),
+            Self::WorldFromCam => {
+                rigid_from_matrix(block, translation).map(|t: WorldFromCam| t.inverse())
+            }
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use landline::geometry::CamFromWorld;
 
     #[test]
     fn repairs_rounding_and_names_what_it_cannot_repair() {
@@ -116,6 +162,24 @@ mod tests {
             matches!(problem, PoseProblem::NotRigid { scale, .. } if (scale - 1.2).abs() < 1e-9)
         );
 
+        let far = Vector3::new(0.0, 1e200, 0.0);
+        assert!(matches!(
+            rigid_from_matrix::<(), ()>(&exact.rotation, far),
+            Err(PoseProblem::TooFar { .. })
+        ));
+        // Comparisons with NaN are false, so each of these once passed as a rotation of NaN.
+        for huge in [1e308, 1e160, -1e308, 1e-308] {
+            for at in 0..9 {
+                let mut block = exact.rotation;
+                block[at] = huge;
+                if let Ok(pose) = rigid_from_matrix::<(), ()>(&block, t) {
+                    assert!(
+                        pose.rotation.iter().all(|v| v.is_finite()),
+                        "{huge} at {at}"
+                    );
+                }
+            }
+        }
         let nan = Matrix3::from_element(f64::NAN);
         assert_eq!(
             rigid_from_matrix::<(), ()>(&nan, t),

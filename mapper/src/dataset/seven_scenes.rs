@@ -1,15 +1,15 @@
-//! 7-Scenes folders (`seq-01/frame-000000.{color.png,pose.txt}`, `TrainSplit.txt`, `TestSplit.txt`) and the layout that
-//! DSAC* and ACE use (`train|test/{rgb,poses,calibration}`, matched by sort order).
+//! 7-Scenes folders (`seq-01/frame-000000.{color.png,pose.txt}`, `TrainSplit.txt`, `TestSplit.txt`).
 //!
 //! The poses as shipped are those of the depth camera. One fixed rigid transform takes depth to colour; it was recovered
 //! by comparing shipped poses with published registered ones (deviation at most 0.2 mm).
 
-use super::pictures::{Pictures, list_files};
-use super::pose_check::rigid_from_matrix;
-use super::pose_list::{CameraSource, block_and_translation};
+use super::args::PoseCamera;
+use super::cameras::CameraSource;
+use super::pictures::{FoundPicture, Pictures, list_files};
+use super::pose_check::{block_and_translation, rigid_from_matrix};
 use super::text::TextFile;
 use super::{Dataset, DatasetError, DatasetImage, Split};
-use landline::geometry::{CamFromWorld, CameraRecord, WorldFromCam};
+use landline::geometry::{CamFromWorld, WorldFromCam};
 use landline::scene_file::Units;
 use nalgebra::{Matrix3, Vector3};
 use std::path::{Path, PathBuf};
@@ -31,11 +31,6 @@ fn color_from_depth() -> (Matrix3<f64>, Vector3<f64>) {
 /// Whether a folder has the layout of the original set.
 pub(super) fn is_original(root: &Path) -> bool {
     root.join("TrainSplit.txt").is_file() || !sequences(root).is_empty()
-}
-
-/// Whether a folder has the layout of DSAC* and ACE.
-pub(super) fn is_ace(root: &Path) -> bool {
-    root.join("train/rgb").is_dir() && root.join("train/poses").is_dir()
 }
 
 fn sequences(root: &Path) -> Vec<PathBuf> {
@@ -83,7 +78,7 @@ pub(super) fn apply_split_files(root: &Path, dataset: &mut Dataset) -> Result<()
     Ok(())
 }
 
-fn read_pose(path: &Path) -> Result<Vec<f64>, DatasetError> {
+pub(super) fn read_pose(path: &Path) -> Result<Vec<f64>, DatasetError> {
     let file = TextFile::read(path)?;
     let mut numbers = Vec::with_capacity(16);
     for line in file.lines() {
@@ -101,7 +96,7 @@ fn read_pose(path: &Path) -> Result<Vec<f64>, DatasetError> {
     Ok(numbers)
 }
 
-fn pose_of(numbers: &[f64]) -> Result<WorldFromCam, super::PoseProblem> {
+pub(super) fn pose_of(numbers: &[f64]) -> Result<WorldFromCam, super::PoseProblem> {
     let (block, translation) = block_and_translation(numbers);
     rigid_from_matrix(&block, translation)
 }
@@ -111,17 +106,31 @@ pub(super) fn read_original(
     root: &Path,
     pictures: &Pictures,
     cameras: &CameraSource,
+    poses_of: PoseCamera,
 ) -> Result<Dataset, DatasetError> {
     let mut dataset = Dataset::empty("7-Scenes");
     dataset.units = Units::Metres;
     dataset.sources.push(root.to_owned());
-    dataset.notes.push(
-        "poses as shipped are of the depth camera: moved to the colour camera by the known transform".to_owned(),
-    );
-    dataset.notes.push(
-        "these poses (KinectFusion) are worse than structure-from-motion ones; --poses takes a list of those".to_owned(),
-    );
-    let (rotation, translation) = color_from_depth();
+    let (rotation, translation) = match poses_of {
+        PoseCamera::Depth => {
+            dataset.notes.push(
+                "poses as shipped are of the depth camera: moved to the colour camera by the known transform \
+                 (--poses-of color leaves it out)"
+                    .to_owned(),
+            );
+            dataset.notes.push(
+                "these poses (KinectFusion) are worse than structure-from-motion ones; --poses takes a list of those"
+                    .to_owned(),
+            );
+            color_from_depth()
+        }
+        PoseCamera::Color => {
+            dataset
+                .notes
+                .push("poses taken as the colour camera's own".to_owned());
+            (Matrix3::identity(), Vector3::zeros())
+        }
+    };
     let color_from_depth: CamFromWorld =
         rigid_from_matrix(&rotation, translation).map_err(|problem| DatasetError::Pose {
             path: root.to_owned(),
@@ -151,7 +160,10 @@ pub(super) fn read_original(
                     continue;
                 }
             };
-            let Some((name, path, size)) = pictures.find_with_extension(&base, &mut dataset) else {
+            let Some(FoundPicture {
+                name, path, size, ..
+            }) = pictures.find(&base, &mut dataset)
+            else {
                 continue;
             };
             let from_world = world_from_depth.inverse();
@@ -174,85 +186,5 @@ pub(super) fn read_original(
         }
     }
     apply_split_files(root, &mut dataset)?;
-    Ok(dataset)
-}
-
-/// Reads the layout of DSAC* and ACE. Its poses are of the colour camera.
-pub(super) fn read_ace(root: &Path) -> Result<Dataset, DatasetError> {
-    let mut dataset = Dataset::empty("DSAC*/ACE folders");
-    dataset.units = Units::Metres;
-    dataset.sources.push(root.to_owned());
-    for (folder, split) in [("train", Split::Train), ("test", Split::Test)] {
-        let base = root.join(folder);
-        if !base.is_dir() {
-            continue;
-        }
-        let rgb = list_files(&base.join("rgb"))?;
-        let poses = list_files(&base.join("poses"))?;
-        let calibration = list_files(&base.join("calibration"))?;
-        if rgb.len() != poses.len() || rgb.len() != calibration.len() {
-            return Err(DatasetError::missing(
-                &base,
-                format!(
-                    "{} pictures, {} poses and {} calibrations; they are matched by order and must be as many",
-                    rgb.len(),
-                    poses.len(),
-                    calibration.len()
-                ),
-            ));
-        }
-        for ((picture, pose), calibration) in rgb.into_iter().zip(poses).zip(calibration) {
-            let file_name = picture.file_name().unwrap_or_default().to_string_lossy();
-            let name = format!("{folder}/rgb/{file_name}");
-            let world_from_cam = match pose_of(&read_pose(&pose)?) {
-                Ok(t) => t,
-                Err(problem) => {
-                    dataset.drop_image(name, format!("pose: {problem}"));
-                    continue;
-                }
-            };
-            let size = match crate::picture::size(&picture) {
-                Ok(size) => size.upright,
-                Err(e) => {
-                    dataset.drop_image(name, format!("picture cannot be read: {}", e.short()));
-                    continue;
-                }
-            };
-            let file = TextFile::read(&calibration)?;
-            let mut v = Vec::new();
-            for line in file.lines() {
-                v.extend(line.finite(&line.fields())?);
-            }
-            let (w, h) = (f64::from(size.0), f64::from(size.1));
-            let params = match *v.as_slice() {
-                [f] => vec![f, f, 0.5 * w, 0.5 * h],
-                [fx, _, cx, _, fy, cy, ..] if v.len() == 9 => vec![fx, fy, cx, cy],
-                _ => {
-                    return Err(DatasetError::missing(
-                        &calibration,
-                        format!(
-                            "expected one focal length or a 3x3 matrix, found {} numbers",
-                            v.len()
-                        ),
-                    ));
-                }
-            };
-            let camera = CameraRecord {
-                model: "PINHOLE".to_owned(),
-                width: size.0,
-                height: size.1,
-                params,
-            }
-            .to_camera()
-            .map_err(|e| DatasetError::missing(&calibration, e))?;
-            dataset.images.push(DatasetImage {
-                name,
-                path: picture,
-                camera,
-                cam_from_world: Some(world_from_cam.inverse()),
-                split,
-            });
-        }
-    }
     Ok(dataset)
 }

@@ -1,5 +1,7 @@
 //! Which pictures teach and which ones test.
 
+use super::cameras::model_at;
+use super::names::{Found, Names};
 use super::text::TextFile;
 use super::{Dataset, DatasetError};
 use std::collections::HashSet;
@@ -103,7 +105,8 @@ const LISTS: [&str; 3] = [
     "queries_with_intrinsics.txt",
 ];
 
-/// Applies the first of the customary lists that is in one of the folders.
+/// Applies the first of the customary lists that is in one of the folders. One that names none of the pictures is of
+/// queries without poses and splits nothing.
 pub(super) fn apply_lists_beside(
     folders: &[&Path],
     dataset: &mut Dataset,
@@ -112,41 +115,127 @@ pub(super) fn apply_lists_beside(
         .iter()
         .flat_map(|folder| LISTS.iter().map(|list| folder.join(list)))
         .find(|path| path.is_file());
-    match found {
-        Some(path) => {
-            apply_list(&path, dataset)?;
-            dataset
-                .notes
-                .push(format!("test pictures from {}", path.display()));
-            Ok(())
-        }
-        None => Ok(()),
+    let Some(path) = found else { return Ok(()) };
+    let listed = listed_names(&TextFile::read(&path)?);
+    let known = KnownNames::new(dataset);
+    if listed.iter().all(|name| known.of_image(name).is_none()) {
+        dataset.notes.push(format!(
+            "{} names none of the pictures: it splits nothing",
+            path.display()
+        ));
+        return Ok(());
     }
+    apply_names(&path, &listed, dataset)?;
+    dataset
+        .notes
+        .push(format!("test pictures from {}", path.display()));
+    Ok(())
 }
 
-/// Pictures that a list names test, all others teach. A line is a name, or a query (`name MODEL width height ...`); names
-/// may lack their folders.
+/// Pictures that a list names test, all others teach. A line is a name, or a query (`name MODEL width height ...`); how
+/// names may be written is said in [`super::names`].
+///
+/// # Errors
+/// When a name is of no picture of the data set, or of several.
 pub(super) fn apply_list(path: &Path, dataset: &mut Dataset) -> Result<(), DatasetError> {
-    let file = TextFile::read(path)?;
-    let names: HashSet<&str> = file
-        .lines()
-        .flat_map(|line| [Some(line.text), line.text.split_whitespace().next()])
-        .flatten()
-        .collect();
-    let mut num_tests = 0;
-    for image in &mut dataset.images {
-        let basename = image.name.rsplit('/').next().unwrap_or(&image.name);
-        let is_listed = names.contains(image.name.as_str()) || names.contains(basename);
-        num_tests += usize::from(is_listed);
-        image.split = if is_listed { Split::Test } else { Split::Train };
-    }
-    if num_tests == 0 {
+    let listed = listed_names(&TextFile::read(path)?);
+    apply_names(path, &listed, dataset)
+}
+
+fn listed_names(file: &TextFile) -> Vec<String> {
+    file.lines()
+        .map(|line| match model_at(&line.fields()) {
+            Some(at) => line.split_at(at).0.to_owned(),
+            None => line.text.to_owned(),
+        })
+        .collect()
+}
+
+fn apply_names(path: &Path, listed: &[String], dataset: &mut Dataset) -> Result<(), DatasetError> {
+    let tests = KnownNames::new(dataset).positions(path, listed)?;
+    if tests.is_empty() {
         return Err(DatasetError::missing(
             path,
-            "none of the pictures that it names is in the data set",
+            "none of the pictures that it names can be used",
         ));
     }
+    for (position, image) in dataset.images.iter_mut().enumerate() {
+        image.split = if tests.contains(&position) {
+            Split::Test
+        } else {
+            Split::Train
+        };
+    }
     Ok(())
+}
+
+/// Names of a data set's pictures, and of those that it had to drop.
+pub(super) struct KnownNames {
+    images: Names,
+    dropped: Names,
+}
+
+impl KnownNames {
+    pub(super) fn new(dataset: &Dataset) -> Self {
+        Self {
+            images: Names::new(dataset.images.iter().map(|i| i.name.as_str())),
+            dropped: Names::new(dataset.dropped.iter().map(|d| d.name.as_str())),
+        }
+    }
+
+    /// The picture that a name means, if it can be used.
+    fn of_image(&self, name: &str) -> Option<usize> {
+        self.images.find(name).one()
+    }
+
+    /// Positions of the pictures that a list means; dropped ones have none.
+    ///
+    /// # Errors
+    /// When a name is of no picture, used or dropped, or of several: a picture that should test would teach.
+    pub(super) fn positions(
+        &self,
+        path: &Path,
+        listed: &[String],
+    ) -> Result<HashSet<usize>, DatasetError> {
+        const NUM_EXAMPLES: usize = 5;
+        let mut positions = HashSet::new();
+        let mut wrong = Vec::new();
+        for name in listed {
+            match self.images.find(name) {
+                Found::One(position) => drop(positions.insert(position)),
+                Found::Several(n) => {
+                    wrong.push(format!("{name} (fits {n} pictures; write its folder)"))
+                }
+                Found::Nothing if self.dropped.find(name) == Found::Nothing => {
+                    wrong.push(name.clone());
+                }
+                Found::Nothing => {}
+            }
+        }
+        if wrong.is_empty() {
+            return Ok(positions);
+        }
+        let more = if wrong.len() > NUM_EXAMPLES {
+            ", ..."
+        } else {
+            ""
+        };
+        let shown: Vec<&str> = wrong
+            .iter()
+            .map(String::as_str)
+            .take(NUM_EXAMPLES)
+            .collect();
+        Err(DatasetError::missing(
+            path,
+            format!(
+                "{} of the {} pictures that it names are not in the data set: {}{more}; correct the names, or give another \
+                 split (--test-list, --train, --test)",
+                wrong.len(),
+                listed.len(),
+                shown.join(", ")
+            ),
+        ))
+    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! The import table: what was found, what was dropped and why.
 
 use super::{Dataset, Split};
+use crate::shown::shown;
 use landline::math::stats::median_in_place;
 use landline::scene_file::Units;
 use std::fmt;
@@ -22,7 +23,7 @@ impl fmt::Display for ImportTable<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let d = self.0;
         let row = |f: &mut fmt::Formatter<'_>, what: &str, value: String| {
-            writeln!(f, "  {what:<18} {value}")
+            writeln!(f, "  {what:<18} {}", shown(&value))
         };
         writeln!(f, "Data set: {}", d.format)?;
         for source in &d.sources {

@@ -22,8 +22,7 @@ impl TextFile {
                 "this is a Git LFS pointer, not the file itself; run `git lfs pull`",
             ));
         }
-        let content = String::from_utf8(bytes)
-            .map_err(|e| DatasetError::parse(path, "text", format!("not UTF-8: {e}")))?;
+        let content = decode(bytes).map_err(|e| DatasetError::parse(path, "text", e))?;
         Ok(Self {
             path: path.to_owned(),
             content,
@@ -36,17 +35,34 @@ impl TextFile {
             .filter(|line| !line.text.is_empty() && !line.text.starts_with('#'))
     }
 
+    /// The whole text.
+    pub(super) fn content(&self) -> &str {
+        &self.content
+    }
+
     /// All lines, trimmed.
     pub(super) fn all_lines(&self) -> impl Iterator<Item = Line<'_>> {
-        self.content
-            .trim_start_matches('\u{feff}')
-            .lines()
-            .enumerate()
-            .map(|(i, text)| Line {
-                path: &self.path,
-                number: i + 1,
-                text: text.trim(),
-            })
+        self.content.lines().enumerate().map(|(i, text)| Line {
+            path: &self.path,
+            number: i + 1,
+            text: text.trim(),
+        })
+    }
+}
+
+/// Text of bytes in UTF-8, or in UTF-16 as some editors and shells of Windows write it; without its byte order mark.
+fn decode(bytes: Vec<u8>) -> Result<String, String> {
+    let wide = |rest: &[u8], unit: fn([u8; 2]) -> u16| {
+        let units: Vec<u16> = rest.chunks_exact(2).map(|b| unit([b[0], b[1]])).collect();
+        String::from_utf16(&units).map_err(|e| format!("not UTF-16: {e}"))
+    };
+    match bytes.as_slice() {
+        [0xff, 0xfe, rest @ ..] => wide(rest, u16::from_le_bytes),
+        [0xfe, 0xff, rest @ ..] => wide(rest, u16::from_be_bytes),
+        [0xef, 0xbb, 0xbf, rest @ ..] => {
+            String::from_utf8(rest.to_vec()).map_err(|e| format!("not UTF-8: {e}"))
+        }
+        _ => String::from_utf8(bytes).map_err(|e| format!("not UTF-8: {e}")),
     }
 }
 
@@ -88,7 +104,22 @@ impl<'a> Line<'a> {
             .collect()
     }
 
-    /// Splits into a name, which may hold spaces, and `count` numbers after it.
+    /// The line up to so many fields, and the rest, as they are written.
+    pub(super) fn split_at(&self, count: usize) -> (&'a str, &'a str) {
+        let rest = (0..count).fold(self.text, |rest, _| {
+            rest.find(char::is_whitespace)
+                .map_or("", |at| rest[at..].trim_start())
+        });
+        let before = &self.text[..self.text.len() - rest.len()];
+        (before.trim_end(), rest)
+    }
+
+    /// Fields as numbers, finite or not: a lost pose is a dropped picture, no broken file.
+    pub(super) fn numbers(&self, fields: &[&str]) -> Result<Vec<f64>, DatasetError> {
+        fields.iter().map(|field| self.number(field)).collect()
+    }
+
+    /// Splits into a name, which may hold spaces, and `count` numbers after it, finite or not.
     pub(super) fn name_and_numbers(
         &self,
         count: usize,
@@ -104,7 +135,11 @@ impl<'a> Line<'a> {
                     fields.len()
                 ))
             })?;
-        let (name, numbers) = fields.split_at(at);
-        Ok((name.join(" "), self.finite(numbers)?))
+        let numbers = self.numbers(&fields[at..])?;
+        let name = fields[at..].iter().fold(self.text, |rest, _| {
+            rest.rsplit_once(char::is_whitespace)
+                .map_or("", |(before, _)| before.trim_end())
+        });
+        Ok((name.to_owned(), numbers))
     }
 }

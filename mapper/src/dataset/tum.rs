@@ -1,9 +1,9 @@
 //! TUM RGB-D folders: `rgb.txt` (`timestamp path`) and `groundtruth.txt` (`t tx ty tz qx qy qz qw`, world from camera),
 //! joined by the nearest time.
 
-use super::pictures::Pictures;
+use super::cameras::CameraSource;
+use super::pictures::{FoundPicture, Pictures};
 use super::pose_check::rigid_from_quaternion;
-use super::pose_list::CameraSource;
 use super::text::TextFile;
 use super::{Dataset, DatasetError, DatasetImage, Split};
 use landline::geometry::{Camera, CameraModel, WorldFromCam};
@@ -39,7 +39,7 @@ pub(super) fn read(
     let truth = TextFile::read(&truth_path)?;
     let mut poses: Vec<(f64, [f64; 7])> = Vec::new();
     for line in truth.lines() {
-        let v = line.finite(&line.fields())?;
+        let v = line.numbers(&line.fields())?;
         let &[t, tx, ty, tz, qx, qy, qz, qw] = v.as_slice() else {
             return Err(line.error(format!(
                 "expected `t tx ty tz qx qy qz qw`, found {} numbers",
@@ -63,10 +63,10 @@ pub(super) fn read(
     let list = TextFile::read(&root.join("rgb.txt"))?;
     for line in list.lines() {
         let fields = line.fields();
-        let Some((&[time], path)) = fields.split_first_chunk::<1>() else {
+        let Some(time) = fields.first() else {
             continue;
         };
-        let name = path.join(" ");
+        let name = line.split_at(1).1.to_owned();
         let time: f64 = line.number(time)?;
         let at = poses.partition_point(|(t, _)| *t < time);
         let nearest = [at.checked_sub(1), Some(at)]
@@ -87,7 +87,10 @@ pub(super) fn read(
                     continue;
                 }
             };
-        let Some((path, size)) = pictures.find(&name, &mut dataset) else {
+        let Some(FoundPicture {
+            name, path, size, ..
+        }) = pictures.find(&name, &mut dataset)
+        else {
             continue;
         };
         let camera = match (cameras.camera(&name, size, None), sensor) {

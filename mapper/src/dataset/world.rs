@@ -1,6 +1,6 @@
 //! What the lengths and the directions of a data set's world mean: its unit, its scale, which way is up.
 
-use super::open::DataArgs;
+use super::args::DataArgs;
 use super::{Dataset, DatasetError};
 use landline::geometry::CamFromWorld;
 use landline::scene_file::Units;

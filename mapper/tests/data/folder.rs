@@ -52,3 +52,17 @@ impl Drop for Folder {
         drop(std::fs::remove_dir_all(&self.0));
     }
 }
+
+/// Writes a JPEG whose EXIF says that it has to be turned clockwise to stand upright (orientation 6).
+pub(crate) fn write_turned_jpeg(picture: &image::DynamicImage, path: &Path) {
+    let mut plain = Vec::new();
+    image::codecs::jpeg::JpegEncoder::new_with_quality(&mut plain, 95)
+        .encode_image(&picture.to_rgb8())
+        .expect("encodes");
+    // One entry: tag 0x0112, short, one value, 6.
+    let mut exif = b"Exif\0\0MM\0\x2a\0\0\0\x08\0\x01".to_vec();
+    exif.extend(b"\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0");
+    let length = u16::try_from(exif.len() + 2).expect("short").to_be_bytes();
+    let bytes = [&plain[..2], &[0xff, 0xe1], &length, &exif, &plain[2..]].concat();
+    std::fs::write(path, bytes).expect("writable");
+}

@@ -15,46 +15,40 @@ fn dataset(room: &Room) -> Dataset {
         is_inside.then_some(pixel)
     };
     let images = || room.images.iter().enumerate();
-    Dataset {
-        format: "test",
-        sources: Vec::new(),
-        images: room.images.clone(),
-        dropped: Vec::new(),
-        notes: Vec::new(),
-        units: Units::Metres,
-        gravity: None,
-        points: room
-            .points
-            .iter()
-            .map(|(p, _)| ModelPoint {
-                point_in_world: *p,
-                observations: images()
-                    .filter_map(|(i, image)| Some((i, seen(p, image)?)))
-                    .collect(),
-            })
-            .collect(),
-        lines: room
-            .lines
-            .iter()
-            .enumerate()
-            .map(|(l, ([a, b], _))| ModelLine {
-                start_in_world: *a,
-                end_in_world: *b,
-                observations: room
-                    .segment_lines
-                    .iter()
-                    .enumerate()
-                    .flat_map(|(i, shown)| {
-                        let segments = shown.iter().enumerate();
-                        segments
-                            .filter(move |(_, line)| **line == l)
-                            .map(move |(s, _)| (i, s))
-                    })
-                    .collect(),
-            })
-            .collect(),
-        segments: None,
-    }
+    let mut dataset = Dataset::empty("test");
+    dataset.units = Units::Metres;
+    dataset.images = room.images.clone();
+    dataset.points = room
+        .points
+        .iter()
+        .map(|(p, _)| ModelPoint {
+            point_in_world: *p,
+            observations: images()
+                .filter_map(|(i, image)| Some((i, seen(p, image)?)))
+                .collect(),
+        })
+        .collect();
+    dataset.lines = room
+        .lines
+        .iter()
+        .enumerate()
+        .map(|(l, ([a, b], _))| ModelLine {
+            start_in_world: *a,
+            end_in_world: *b,
+            observations: room
+                .segment_lines
+                .iter()
+                .enumerate()
+                .flat_map(|(i, shown)| {
+                    let segments = shown.iter().enumerate();
+                    segments
+                        .filter(move |(_, line)| **line == l)
+                        .map(move |(s, _)| (i, s))
+                })
+                .collect(),
+        })
+        .collect();
+    dataset
 }
 
 fn labels(

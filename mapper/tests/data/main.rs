@@ -1,6 +1,7 @@
 //! Data sets, labels and evaluation across modules.
 
 mod cameras;
+mod cases;
 mod disk;
 mod evaluation;
 mod folder;
@@ -9,3 +10,7 @@ mod labels;
 mod readers;
 mod room;
 mod splits;
+
+/// Some tests bound the memory that hostile files take.
+#[global_allocator]
+static ALLOCATOR: landline_testkit::CountingAllocator = landline_testkit::CountingAllocator;

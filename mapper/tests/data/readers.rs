@@ -19,7 +19,7 @@ pub(crate) fn read(path: &Path, more: &[&str]) -> Result<Dataset, DatasetError> 
     open(&Cli::try_parse_from(words).expect("valid arguments").data)
 }
 
-fn position(dataset: &Dataset, name: &str) -> Vector3<f64> {
+pub(crate) fn position(dataset: &Dataset, name: &str) -> Vector3<f64> {
     let image = dataset
         .images
         .iter()
@@ -235,7 +235,7 @@ fn seven_scenes_moves_poses_to_the_colour_camera() {
 }
 
 #[test]
-fn ace_folders_are_matched_by_order() {
+fn ace_folders_are_matched_by_name() {
     let folder = Folder::new();
     for i in 0..2 {
         folder.picture(&format!("train/rgb/{i}.png"), 64, 48);
@@ -248,7 +248,22 @@ fn ace_folders_are_matched_by_order() {
     let dataset = read(&folder.0, &[]).expect("plain");
     assert!(near(position(&dataset, "train/rgb/1.png"), [1.0, 0.0, 0.0]));
     std::fs::remove_file(folder.0.join("train/poses/0.txt")).expect("exists");
-    let message = read(&folder.0, &[]).expect_err("counts differ").to_string();
+    let dataset = read(&folder.0, &[]).expect("one is left");
+    assert!(near(position(&dataset, "train/rgb/1.png"), [1.0, 0.0, 0.0]));
+    assert_eq!(dataset.dropped.len(), 1);
+    folder.text("train/poses/first.txt", &IDENTITY_AT_X.replace('X', "0"));
+    std::fs::rename(
+        folder.0.join("train/poses/1.txt"),
+        folder.0.join("train/poses/second.txt"),
+    )
+    .expect("exists");
+    let dataset = read(&folder.0, &[]).expect("as many of each");
+    assert_eq!(dataset.images.len(), 2);
+    assert!(dataset.table().to_string().contains("matched by order"));
+    std::fs::remove_file(folder.0.join("train/poses/first.txt")).expect("exists");
+    let message = read(&folder.0, &[])
+        .expect_err("nothing to go by")
+        .to_string();
     assert!(message.contains("2 pictures, 1 poses"), "{message}");
 }
 

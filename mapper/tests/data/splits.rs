@@ -52,7 +52,7 @@ fn lists_beside_a_model_choose_the_test_pictures() {
         .expect_err("nothing in common")
         .to_string();
     assert!(
-        message.contains("other.txt") && message.contains("none of the pictures"),
+        message.contains("other.txt") && message.contains("1 of the 1 pictures"),
         "{message}"
     );
 }

@@ -1,0 +1,172 @@
+//! What to read and how, as the command line gives it. The only module here that knows clap; readers get what they need of it
+//! as plain values.
+
+use super::axes::CameraAxes;
+use super::camera::expressed;
+use super::split::IndexRange;
+use super::world::{UnitsArg, parse_vector};
+use landline::geometry::CameraRecord;
+use std::path::PathBuf;
+
+/// Which data, and how to read it.
+#[derive(Debug, Clone, clap::Args)]
+pub struct DataArgs {
+    /// Data set: a folder, a pose list, or a transforms.json.
+    pub data: PathBuf,
+    /// Format; found out by itself when not given.
+    #[arg(long, value_enum)]
+    pub format: Option<Format>,
+    /// Folder of the pictures, when it is not beside the poses.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+    /// File with the poses, when the folder has several or others are wanted; relative to the data set.
+    #[arg(long, value_name = "FILE")]
+    pub poses: Option<PathBuf>,
+    /// What the poses of a list map.
+    #[arg(long, value_enum)]
+    pub pose_direction: Option<PoseDirection>,
+    /// Order of the numbers of quaternions in a list or a COLMAP model.
+    #[arg(long, value_enum, value_name = "ORDER")]
+    pub quaternions: Option<QuaternionOrder>,
+    /// Where x, y and z of the camera point in the file: opencv, opengl, ros, or words as right-up-back.
+    #[arg(long, value_name = "AXES")]
+    pub camera_axes: Option<CameraAxes>,
+    /// Use poses and cameras as they are given, even where the pictures contradict them.
+    #[arg(long)]
+    pub trust_poses: bool,
+    /// 7-Scenes layout: the camera whose poses its files hold. As shipped they are the depth camera's and are moved to the
+    /// colour camera; sets of other makers in that layout hold the colour camera's.
+    #[arg(long, value_enum, value_name = "CAMERA")]
+    pub poses_of: Option<PoseCamera>,
+    /// One camera for all pictures: MODEL,width,height,parameters in COLMAP's order.
+    #[arg(long, value_name = "MODEL,W,H,...", value_parser = parse_camera)]
+    pub camera: Option<CameraRecord>,
+    /// Cameras by picture: a list `name MODEL width height parameters...`.
+    #[arg(long, value_name = "FILE")]
+    pub cameras: Option<PathBuf>,
+    /// Folder of a LIMAP line map, or of any detector's segments in its layout.
+    #[arg(long, value_name = "DIR")]
+    pub lines: Option<PathBuf>,
+    /// Pictures that teach, as positions in the sorted list (0-799, 0-99,160-).
+    #[arg(long, value_name = "RANGE")]
+    pub train: Option<IndexRange>,
+    /// Pictures that test.
+    #[arg(long, value_name = "RANGE")]
+    pub test: Option<IndexRange>,
+    /// Names of the pictures that test, one a line; an hloc query list will do. The others teach.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["train", "test"])]
+    pub test_list: Option<PathBuf>,
+    /// What one unit of length of the data set is; without it, a metre where the format says so and unknown elsewhere.
+    #[arg(long, value_enum)]
+    pub units: Option<UnitsArg>,
+    /// Metres for one unit of length: the data set's lengths are multiplied by it and are metres then.
+    #[arg(
+        long,
+        value_name = "F",
+        conflicts_with = "units",
+        allow_hyphen_values = true
+    )]
+    pub scale: Option<f64>,
+    /// Which way is up in the data set's world.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_vector)]
+    pub up: Option<[f64; 3]>,
+}
+
+impl DataArgs {
+    /// Whether the split is told, so that the data set's own counts for nothing.
+    pub fn chooses_split(&self) -> bool {
+        self.train.is_some() || self.test.is_some() || self.test_list.is_some()
+    }
+}
+
+/// The formats that are read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Format {
+    /// COLMAP sparse model, binary or text.
+    Colmap,
+    /// transforms.json of nerfstudio or instant-ngp.
+    Transforms,
+    /// 7-Scenes as shipped.
+    SevenScenes,
+    /// Folders `train|test/{rgb,poses,calibration}` of DSAC* and ACE.
+    Ace,
+    /// Indoor-6.
+    Indoor6,
+    /// TUM RGB-D.
+    Tum,
+    /// `name qw qx qy qz tx ty tz [f]`, or `name` and 16 numbers.
+    PoseList,
+    /// `name MODEL width height parameters...`: cameras without poses.
+    QueryList,
+}
+
+/// What a pose of a file maps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum PoseDirection {
+    /// World points into camera space (COLMAP).
+    CamFromWorld,
+    /// Camera points into the world; its translation is the camera's position.
+    WorldFromCam,
+}
+
+/// Order of a quaternion's numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+pub enum QuaternionOrder {
+    /// The real part first (COLMAP, Eigen's constructor).
+    #[default]
+    Wxyz,
+    /// The real part last (ROS, scipy, TUM RGB-D).
+    Xyzw,
+}
+
+impl QuaternionOrder {
+    /// The real part first, of numbers as the file has them.
+    pub(super) fn wxyz(self, [a, b, c, d]: [f64; 4]) -> [f64; 4] {
+        match self {
+            Self::Wxyz => [a, b, c, d],
+            Self::Xyzw => [d, a, b, c],
+        }
+    }
+}
+
+/// Whose poses the files of a 7-Scenes folder are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum PoseCamera {
+    /// The depth camera's, as shipped.
+    Depth,
+    /// The colour camera's.
+    Color,
+}
+
+impl std::fmt::Display for PoseDirection {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::CamFromWorld => "camera from world",
+            Self::WorldFromCam => "world from camera",
+        })
+    }
+}
+
+/// A camera from the command line: MODEL,width,height,parameters.
+///
+/// # Errors
+/// In words, for clap.
+pub fn parse_camera(text: &str) -> Result<CameraRecord, String> {
+    let fields: Vec<&str> = text.split(',').map(str::trim).collect();
+    let (&[model, width, height], params) = fields
+        .split_first_chunk::<3>()
+        .ok_or("expected MODEL,width,height,parameters")?;
+    let number = |s: &str| s.parse::<f64>().map_err(|_| format!("`{s}` is no number"));
+    let side = |s: &str| {
+        s.parse::<u32>()
+            .map_err(|_| format!("`{s}` is no size in pixels"))
+    };
+    let record = CameraRecord {
+        model: model.to_ascii_uppercase(),
+        width: side(width)?,
+        height: side(height)?,
+        params: params.iter().map(|p| number(p)).collect::<Result<_, _>>()?,
+    };
+    expressed(&record).map_err(|e| e.to_string())?;
+    Ok(record)
+}

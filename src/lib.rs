@@ -21,3 +21,4 @@ pub mod relocalizer;
 pub mod scene_file;
 pub mod session;
 pub mod simd;
+pub mod tracker;

@@ -177,6 +177,9 @@ pub(crate) trait Lanes: Copy {
     /// # Safety
     /// `LANES` numbers can be written.
     unsafe fn store(self, to: *mut f32);
+    /// # Safety
+    /// `LANES` bytes can be read.
+    unsafe fn load_bytes(from: *const u8) -> Self;
     fn add(self, other: Self) -> Self;
     fn sub(self, other: Self) -> Self;
     fn mul(self, other: Self) -> Self;
@@ -357,6 +360,11 @@ mod tests {
             unsafe { vector.store(lanes.as_mut_ptr()) };
             out.extend(lanes);
         }
+        let mut bytes = [0.0; 4];
+        let from: [u8; 4] = std::array::from_fn(|lane| a[lane].to_bits() as u8);
+        // SAFETY: four bytes there, four numbers here.
+        unsafe { L::load_bytes(from.as_ptr()).store(bytes.as_mut_ptr()) };
+        assert_eq!(bytes, from.map(f32::from));
         out.extend([x.sum(), x.largest()]);
         out
     }

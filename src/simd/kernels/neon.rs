@@ -52,6 +52,14 @@ macro_rules! lanes {
                 // SAFETY: the caller allows four numbers.
                 unsafe { vst1q_f32(to, self.0) }
             }
+            #[inline(always)]
+            unsafe fn load_bytes(from: *const u8) -> Self {
+                // SAFETY: the caller allows four bytes.
+                Self(unsafe {
+                    let bytes = vcreate_u8(u64::from(from.cast::<u32>().read_unaligned()));
+                    vcvtq_f32_u32(vmovl_u16(vget_low_u16(vmovl_u8(bytes))))
+                })
+            }
             simple! {
                 add(b) = vaddq_f32;
                 sub(b) = vsubq_f32;

@@ -31,6 +31,13 @@ impl Lanes for Simd128 {
         unsafe { v128_store(to.cast(), self.0) }
     }
     #[inline(always)]
+    unsafe fn load_bytes(from: *const u8) -> Self {
+        // SAFETY: the caller allows four bytes.
+        let bytes = unsafe { v128_load32_zero(from.cast()) };
+        let wide = u32x4_extend_low_u16x8(u16x8_extend_low_u8x16(bytes));
+        Self(f32x4_convert_i32x4(wide))
+    }
+    #[inline(always)]
     fn add(self, other: Self) -> Self {
         Self(f32x4_add(self.0, other.0))
     }

@@ -45,6 +45,16 @@ impl Lanes for Sse2 {
         // SAFETY: the caller allows four numbers.
         unsafe { _mm_storeu_ps(to, self.0) }
     }
+    #[inline(always)]
+    unsafe fn load_bytes(from: *const u8) -> Self {
+        // SAFETY: the caller allows four bytes.
+        Self(unsafe {
+            let bytes = _mm_cvtsi32_si128(from.cast::<i32>().read_unaligned());
+            let zero = _mm_setzero_si128();
+            let wide = _mm_unpacklo_epi16(_mm_unpacklo_epi8(bytes, zero), zero);
+            _mm_cvtepi32_ps(wide)
+        })
+    }
     simple! { Sse2:
         add(b) = _mm_add_ps;
         sub(b) = _mm_sub_ps;
@@ -123,6 +133,11 @@ impl Lanes for Avx2 {
         // SAFETY: the caller allows eight numbers.
         unsafe { _mm256_storeu_ps(to, self.0) }
     }
+    #[inline(always)]
+    unsafe fn load_bytes(from: *const u8) -> Self {
+        // SAFETY: the caller allows eight bytes.
+        Self(unsafe { _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(_mm_loadl_epi64(from.cast()))) })
+    }
     simple! { Avx2:
         add(b) = _mm256_add_ps;
         sub(b) = _mm256_sub_ps;
@@ -200,6 +215,11 @@ impl Lanes for Avx512 {
     unsafe fn store(self, to: *mut f32) {
         // SAFETY: the caller allows sixteen numbers.
         unsafe { _mm512_storeu_ps(to, self.0) }
+    }
+    #[inline(always)]
+    unsafe fn load_bytes(from: *const u8) -> Self {
+        // SAFETY: the caller allows sixteen bytes.
+        Self(unsafe { _mm512_cvtepi32_ps(_mm512_cvtepu8_epi32(_mm_loadu_si128(from.cast()))) })
     }
     simple! { Avx512:
         add(b) = _mm512_add_ps;

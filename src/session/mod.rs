@@ -1,4 +1,5 @@
 //! What lives over the frames of a camera: prior, state, smoothing, and the focal length of cameras that nobody calibrated.
+//! [`Session`] locates every frame that it gets; [`Follower`] gives a pose to every frame of a video from seldom and late answers.
 //!
 //! * **In and out**: frames with their times and cameras; a [`SessionReport`] for each: the relocalizer's own, a state, and a
 //!   pose for display.
@@ -11,12 +12,17 @@
 mod continuity;
 mod error;
 mod focal;
+mod follow;
 mod pace;
 mod smoothing;
 
 pub use continuity::{Continuity, LimitedReason, SessionState};
 pub use error::SessionError;
 pub use focal::FocalMemory;
+pub use follow::{
+    Answer, AnswerUse, Correction, FollowLimit, FollowOptions, FollowPose, FollowReport,
+    FollowSource, FollowState, Follower,
+};
 pub use smoothing::{PoseFilter, Smoothing};
 
 use crate::geometry::{CamFromWorld, Camera};
@@ -44,6 +50,8 @@ pub struct SessionQuery<'a> {
     pub tracking: bool,
     /// Direction of gravity, if a sensor tells.
     pub gravity: Option<Gravity>,
+    /// A pose that the caller believes to be near; that of the frame before when not given.
+    pub prior: Option<CamFromWorld>,
 }
 
 impl Default for SessionQuery<'_> {
@@ -55,6 +63,7 @@ impl Default for SessionQuery<'_> {
             timestamp_ms: 0.0,
             tracking: false,
             gravity: None,
+            prior: None,
         }
     }
 }
@@ -196,8 +205,9 @@ impl Session {
             camera: query.camera,
             camera_source: query.camera_source,
             focal: self.focal.belief(query.camera_name),
-            prior: before
-                .filter(|_| query.tracking)
+            prior: query
+                .prior
+                .or(before.filter(|_| query.tracking))
                 .map(|cam_from_world| PriorPose {
                     cam_from_world,
                     covariance: None,

@@ -111,6 +111,7 @@ impl OwnedQuery {
             timestamp_ms: self.timestamp_ms,
             tracking: self.tracking,
             gravity: None,
+            prior: None,
         }
     }
 }

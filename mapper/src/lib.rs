@@ -16,6 +16,7 @@ pub mod overlay;
 pub mod picture;
 mod plot;
 pub mod progress;
+pub mod replay;
 pub mod scene;
 pub mod shown;
 pub mod timestamp;

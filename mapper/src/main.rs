@@ -22,6 +22,7 @@ enum Command {
     Eval(cmd::eval::Args),
     Export(cmd::export::Args),
     Features(cmd::features::Args),
+    Flow(cmd::flow::Args),
     Inspect(cmd::inspect::Args),
     Labels(cmd::labels::Args),
     Landmarks(cmd::landmarks::Args),
@@ -32,6 +33,7 @@ enum Command {
     Pose(cmd::pose::Args),
     #[cfg(feature = "train")]
     Sample(cmd::sample::Args),
+    Track(cmd::track::Args),
     #[cfg(feature = "train")]
     Train(cmd::train::Args),
 }
@@ -44,6 +46,7 @@ fn main() -> ExitCode {
         Command::Eval(args) => cmd::eval::run(args),
         Command::Export(args) => cmd::export::run(args),
         Command::Features(args) => cmd::features::run(args),
+        Command::Flow(args) => cmd::flow::run(args),
         Command::Inspect(args) => cmd::inspect::run(args),
         Command::Labels(args) => cmd::labels::run(args),
         Command::Landmarks(args) => cmd::landmarks::run(args),
@@ -54,6 +57,7 @@ fn main() -> ExitCode {
         Command::Pose(args) => cmd::pose::run(args),
         #[cfg(feature = "train")]
         Command::Sample(args) => cmd::sample::run(args),
+        Command::Track(args) => cmd::track::run(args),
         #[cfg(feature = "train")]
         Command::Train(args) => cmd::train::run(args),
     };

@@ -6,6 +6,7 @@ pub mod demo;
 pub mod eval;
 pub mod export;
 pub mod features;
+pub mod flow;
 pub mod inspect;
 pub mod labels;
 pub mod landmarks;
@@ -16,6 +17,7 @@ pub mod map;
 pub mod pose;
 #[cfg(feature = "train")]
 pub mod sample;
+pub mod track;
 #[cfg(feature = "train")]
 pub mod train;
 

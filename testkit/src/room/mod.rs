@@ -17,7 +17,7 @@ mod trace;
 mod views;
 
 pub use render::{Picture, RenderOptions};
-pub use views::{View, query_views, training_views};
+pub use views::{Look, View, query_views, training_views, video_views};
 
 use landline::geometry::{CamFromWorld, Camera, Pixel};
 use light::LightMap;

@@ -65,6 +65,50 @@ pub fn query_views(room: &Room, seed: u64, count: usize, width: u32, height: u32
     views
 }
 
+/// How a camera that is carried through the room looks around.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Look {
+    /// Left and right and up and down, now fast, now slowly.
+    Around,
+    /// Along the way round, which is a turn without end.
+    Ahead,
+}
+
+/// Views of a camera that is carried through the room at walking speed (about a metre a second) and turns at up to 60 degrees a
+/// second, at an even rate of pictures.
+pub fn video_views(
+    room: &Room,
+    seed: u64,
+    fps: f64,
+    seconds: f64,
+    (width, height): (u32, u32),
+    direction: Look,
+) -> Vec<View> {
+    let phase = Dice::new(seed ^ 0x71DE).range(0.0, core::f64::consts::TAU);
+    let count = (fps * seconds).round() as usize;
+    let views = (0..count).map(|i| {
+        let t = i as f64 / fps;
+        // An oval of 1.1 by 0.9 metres in seven seconds.
+        let walked = phase + core::f64::consts::TAU * t / 7.0;
+        let eye = Vector3::new(
+            3.0 + 1.1 * walked.cos(),
+            2.45 + 0.9 * walked.sin(),
+            // Steps, two a second.
+            1.5 + 0.02 * (core::f64::consts::TAU * 2.0 * t).sin(),
+        );
+        let yaw = match direction {
+            // At most 43 and 17 degrees a second together.
+            Look::Around => phase + 0.75 * t.sin() + 0.12 * (2.4 * t).sin(),
+            // At most 51 and 9.
+            Look::Ahead => walked + 0.4 + 0.11 * (1.4 * t).sin(),
+        };
+        let pitch = -0.08 + 0.09 * (1.1 * t + 1.0).sin();
+        let roll = 0.04 * (1.7 * t).sin();
+        look(room, width, height, eye, yaw, pitch, roll)
+    });
+    views.collect()
+}
+
 /// Least distance to what is seen at nine pixels.
 fn clearance(room: &Room, view: &View) -> f64 {
     let center = view.cam_from_world.center_in_world();

@@ -179,7 +179,7 @@ export class LoadBars {
       if (event.status === "done") {
         bar.progress.max = 1;
         bar.progress.value = 1;
-        bar.amount.textContent = `${bytes(event.bytes)}${event.fromCache ? ", kept from last time" : ""}`;
+        bar.amount.textContent = `${bytes(event.bytes)}${event.fromCache ? `, kept from last time${event.unchecked ? "; no connection to ask whether it is still right" : ""}` : ""}`;
       } else if (event.total > 0) {
         bar.progress.max = event.total;
         bar.progress.value = event.loaded;

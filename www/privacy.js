@@ -14,8 +14,17 @@ function size(body) {
   return 1; // a stream: its length is unknown, but it is not nothing
 }
 
-function count(body) {
-  const bytes = size(body);
+/** Bytes of what follows the question mark: an address can carry anything, too. */
+function sizeOfQuery(address) {
+  try {
+    return size(new URL(String(address?.url ?? address), location.href).search.slice(1));
+  } catch {
+    return 0; // no address: the call itself will say so
+  }
+}
+
+function count(body, address) {
+  const bytes = size(body) + sizeOfQuery(address);
   if (bytes === 0) return;
   counts.bytes += bytes;
   changed(counts);
@@ -23,10 +32,14 @@ function count(body) {
 
 const { fetch } = globalThis;
 globalThis.fetch = (input, init) => {
-  count(init?.body ?? (input instanceof Request ? input.body : null));
+  count(init?.body ?? (input instanceof Request ? input.body : null), input);
   return fetch(input, init);
 };
-const { send } = XMLHttpRequest.prototype;
+const { open: openRequest, send } = XMLHttpRequest.prototype;
+XMLHttpRequest.prototype.open = function (method, url, ...rest) {
+  count(null, url);
+  return openRequest.call(this, method, url, ...rest);
+};
 XMLHttpRequest.prototype.send = function (body) {
   count(body);
   return send.call(this, body);
@@ -34,7 +47,7 @@ XMLHttpRequest.prototype.send = function (body) {
 const { sendBeacon } = navigator;
 if (sendBeacon) {
   navigator.sendBeacon = (url, body) => {
-    count(body);
+    count(body, url);
     return sendBeacon.call(navigator, url, body);
   };
 }
@@ -43,6 +56,11 @@ WebSocket.prototype.send = function (body) {
   count(body);
   return socketSend.call(this, body);
 };
+
+/** Ways to send that the page has no use for and that cannot be counted: closed. */
+for (const name of ["RTCPeerConnection", "webkitRTCPeerConnection", "EventSource", "WebTransport", "WebSocketStream"]) {
+  if (name in globalThis) Object.defineProperty(globalThis, name, { value: undefined, writable: false, configurable: false });
+}
 
 /** Files that the page loads; pictures of the user are `blob:` and never leave memory. */
 new PerformanceObserver((list) => {

@@ -4,6 +4,11 @@
  * them in a cache of its own that it checks.
  */
 const cacheName = "landline-page-v1";
+/**
+ * What the engine's worker may do; it is not reached by the policy of the page. Nothing but the scripts beside it, so that
+ * `import()` leads nowhere else. Static hosts that send no headers get it from here, from the second visit on.
+ */
+const workerPolicy = "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'";
 const isWeights = (path) => /\.(landline|safetensors|tgz)$/.test(path);
 
 self.addEventListener("install", (event) => {
@@ -40,10 +45,18 @@ async function answer(request) {
   try {
     const response = await fetch(request);
     if (response.ok && response.type === "basic") void cache.put(request, response.clone()).catch(() => {});
-    return response;
+    return sealed(request, response);
   } catch (error) {
     const hit = (await cache.match(request, { ignoreSearch: request.mode === "navigate" })) ?? (request.mode === "navigate" ? await cache.match("./") : undefined);
-    if (hit) return hit;
+    if (hit) return sealed(request, hit);
     throw error;
   }
+}
+
+function sealed(request, response) {
+  if (request.destination !== "worker" || !response.ok) return response;
+  const { body, status, statusText } = response;
+  const headers = new Headers(response.headers);
+  headers.set("content-security-policy", workerPolicy);
+  return new Response(body, { status, statusText, headers });
 }

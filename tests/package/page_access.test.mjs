@@ -72,6 +72,59 @@ test("who asked for less motion is shown one picture until the next is asked for
   await located(page, 3);
 });
 
+/** What code in the worker could try to send by. */
+async function channels(address) {
+  const inherited = (name) => {
+    for (let owner = self; owner; owner = Object.getPrototypeOf(owner)) {
+      const value = Object.getOwnPropertyDescriptor(owner, name)?.value ?? Object.getOwnPropertyDescriptor(owner, name)?.get?.call(self);
+      if (value !== undefined) return value;
+    }
+    throw new TypeError(`${name} is gone`);
+  };
+  const ways = {
+    fetch: () => inherited("fetch").call(self, address),
+    XMLHttpRequest: () => new (inherited("XMLHttpRequest"))(),
+    WebSocket: () => new (inherited("WebSocket"))(address.replace("http", "ws")),
+    EventSource: () => new (inherited("EventSource"))(address),
+    WebTransport: () => new (inherited("WebTransport"))(address.replace("http", "https")),
+    RTCPeerConnection: () => new (inherited("RTCPeerConnection"))(),
+    importScripts: () => inherited("importScripts").call(self, address),
+    Worker: () => new (inherited("Worker"))(address),
+    BroadcastChannel: () => new (inherited("BroadcastChannel"))("a"),
+    FontFace: () => new (inherited("FontFace"))("x", `url(${address})`).load(),
+    caches: () => inherited("caches").open("a").then((cache) => cache.add(address)),
+    import: () => import(`${address}imported.js?data=1`),
+  };
+  const outcomes = {};
+  for (const [name, way] of Object.entries(ways)) {
+    outcomes[name] = await Promise.resolve()
+      .then(way)
+      .then(
+        () => "sent",
+        (error) => error.name,
+      );
+  }
+  return outcomes;
+}
+
+test("with a policy of its own the worker cannot even import", { skip, timeout: 240_000 }, async (t) => {
+  const other = await serve(t, { headers: { "access-control-allow-origin": "*" } });
+  const server = await serve(t, { headers: { "content-security-policy": "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'; connect-src 'self'; img-src 'self' blob: data:; style-src 'self'; manifest-src 'self'" } });
+  const { page } = await open(await browser(t), `${server.url}vendor/landline/index.js`);
+  await page.route("**/blank.html", (route) => route.fulfill({ contentType: "text/html", body: "<!doctype html><meta charset=utf-8>" }));
+  await page.goto(`${server.url}blank.html`);
+  const made = await page.evaluate(async () => {
+    const { Relocalizer } = await import("./vendor/landline/index.js");
+    globalThis.kept = await Relocalizer.create({ scene: "./scenes/sample/sample.landline", device: "cpu" });
+    return globalThis.kept.backend;
+  });
+  assert.equal(made, "cpu");
+  const tried = await page.workers()[0].evaluate(channels, other.url);
+  for (const [channel, outcome] of Object.entries(tried)) t.diagnostic(`worker with a policy, ${channel}: ${outcome}`);
+  assert.deepEqual([...new Set(Object.values(tried))], ["TypeError"]);
+  assert.equal(other.requests.length, 0);
+});
+
 test("neither the page nor its worker can talk to another server", { skip, timeout: 240_000 }, async (t) => {
   const other = await serve(t);
   const server = await serve(t);
@@ -84,11 +137,21 @@ test("neither the page nor its worker can talk to another server", { skip, timeo
   }, other.url);
   assert.deepEqual({ error: outcome.error, directive: outcome.directive }, { error: "TypeError", directive: "connect-src" });
   const [worker] = page.workers();
-  const left = await worker.evaluate(() => ["fetch", "XMLHttpRequest", "WebSocket", "EventSource", "WebTransport", "importScripts", "Worker", "caches"].filter((name) => globalThis[name] !== undefined));
-  assert.deepEqual(left, [], "the worker has given up the network");
-  assert.equal(other.requests.length, 0);
+  // Every channel, on the scope and on what it inherits from; each answers with its error.
+  const tried = await worker.evaluate(channels, other.url);
+  for (const [channel, outcome] of Object.entries(tried)) t.diagnostic(`worker, ${channel}: ${outcome}`);
+  const { import: imported, ...rest } = tried;
+  assert.deepEqual([...new Set(Object.values(rest))], ["TypeError"], "the worker has given up the network");
+  // Syntax cannot be given up. Without a policy that comes with the worker's script it reaches any server.
+  assert.equal(other.requests.filter(({ path }) => path !== "/imported.js").length, 0);
+  assert.ok(["sent", "TypeError"].includes(imported));
   // What was tried is counted, whether or not it went anywhere.
   assert.match(await page.textContent("#bytes-sent"), /^18 bytes sent$/);
+  const query = await page.evaluate(async (address) => {
+    await fetch(`${address}?data=0123456789`, { mode: "no-cors" }).catch(() => undefined);
+    return [document.querySelector("#bytes-sent").textContent, ...["RTCPeerConnection", "EventSource", "WebTransport"].map((name) => typeof globalThis[name])];
+  }, other.url);
+  assert.deepEqual(query, ["33 bytes sent", "undefined", "undefined", "undefined"]);
 });
 
 test("the first load, in bytes", { skip, timeout: 240_000 }, async (t) => {

@@ -4,6 +4,7 @@
 use crate::paths;
 use anyhow::{Context as _, Result, bail};
 use std::fs;
+use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::path::{Component, Path, PathBuf};
@@ -138,6 +139,11 @@ impl Server {
         }
     }
 }
+
+/// A page's policy in a `<meta>` element does not reach its worker: nothing but the scripts beside it, so that `import()`
+/// leads nowhere else.
+const WORKER_POLICY: &str =
+    "Content-Security-Policy: default-src 'none'; script-src 'self' 'wasm-unsafe-eval'\r\n";
 
 /// Only this machine's loopback: the page may hold a private scene.
 fn listen(port: u16) -> Result<TcpListener> {
@@ -294,6 +300,13 @@ fn answer(site: &Site, head: &[String]) -> Answer {
         );
     };
     let mime = mime(&path);
+    // So that what was kept on a device is known to be old when the file changes.
+    let mut hasher = DefaultHasher::new();
+    body.hash(&mut hasher);
+    let mut own = format!("ETag: \"{:016x}\"\r\n", hasher.finish());
+    if path.ends_with("worker.js") {
+        own.push_str(WORKER_POLICY);
+    }
     // Video players seek with ranges.
     let range = head.iter().find_map(|line| {
         let (name, value) = line.split_once(':')?;
@@ -303,7 +316,10 @@ fn answer(site: &Site, head: &[String]) -> Answer {
     });
     match range {
         Some((first, last)) => {
-            let extra = format!("Content-Range: bytes {first}-{last}/{}\r\n", body.len());
+            let extra = format!(
+                "Content-Range: bytes {first}-{last}/{}\r\n{own}",
+                body.len()
+            );
             let part = body.get(first..=last).unwrap_or_default().to_vec();
             reply(site, "206 Partial Content", mime, &extra, part, is_head)
         }
@@ -311,7 +327,7 @@ fn answer(site: &Site, head: &[String]) -> Answer {
             site,
             "200 OK",
             mime,
-            "Accept-Ranges: bytes\r\n",
+            &format!("Accept-Ranges: bytes\r\n{own}"),
             body,
             is_head,
         ),
@@ -451,6 +467,31 @@ mod tests {
             "HTTP/1.1 405 Method Not Allowed"
         );
         assert_eq!(status(&site, ""), "HTTP/1.1 405 Method Not Allowed");
+    }
+
+    #[test]
+    fn files_carry_their_version_and_the_worker_its_policy() {
+        let site = site("/");
+        let head = |path: &str| answer(&site, &[format!("GET {path} HTTP/1.1")]).head;
+        let etag = |path: &str| {
+            let head = head(path);
+            let line = head.lines().find(|line| line.starts_with("ETag: "));
+            line.expect("has one").to_owned()
+        };
+        assert_eq!(etag("/Cargo.toml"), etag("/Cargo.toml"));
+        assert_ne!(etag("/Cargo.toml"), etag("/src/main.rs"));
+        assert!(!head("/Cargo.toml").contains("Content-Security-Policy"));
+        let folder =
+            std::env::temp_dir().join(format!("landline-serve-worker-{}", std::process::id()));
+        fs::create_dir_all(&folder).expect("writable");
+        fs::write(folder.join("worker.js"), "").expect("writable");
+        let site = Site {
+            dir: folder.canonicalize().expect("is there"),
+            ..site
+        };
+        let head = answer(&site, &["GET /worker.js HTTP/1.1".to_owned()]).head;
+        assert!(head.contains(WORKER_POLICY), "{head}");
+        fs::remove_dir_all(&folder).expect("is there");
     }
 
     #[test]

@@ -20,6 +20,8 @@ export declare function applyIntrinsics(camera: PerspectiveCamera, intrinsics: I
 // ---- assets.d.ts
 
 import type { BytesSource, LoadedFile, ProgressEvent } from "./types.js";
+/** The most bytes of a file, announced or not; that of scenes and weights is the format's own limit. */
+export declare const maxBytes: Readonly<Record<LoadedFile, number>>;
 export interface LoadOptions {
     file: LoadedFile;
     onProgress?: ((event: ProgressEvent) => void) | undefined;
@@ -27,13 +29,24 @@ export interface LoadOptions {
     cache?: "default" | "none" | undefined;
     integrity?: string | undefined;
     fetch?: typeof fetch | undefined;
+    stallTimeoutMs?: number | undefined;
+}
+/** A file, and what its reader says of it. */
+export interface Loaded {
+    bytes: Uint8Array;
+    /** Kept from an earlier visit: when it proves to be wrong, a new copy may be right. */
+    fromCache: boolean;
+    /** It is what it should be: keeps it for the next visit. */
+    keep(): Promise<void>;
+    /** It is not: forgets it. */
+    drop(): Promise<void>;
 }
 /** SHA-256 as 64 hex digits; `null` where the browser gives no access to it (pages without HTTPS). */
 export declare function sha256(bytes: Uint8Array): Promise<string | null>;
 /** Accepts 64 hex digits or the `sha256-<base64>` form of subresource integrity. */
 export declare function checksumAsHex(integrity: string): string;
 /** Loads bytes from whatever the caller has. The answer is never a view into the caller's own buffer. */
-export declare function loadBytes(source: BytesSource, options: LoadOptions): Promise<Uint8Array>;
+export declare function load(source: BytesSource, options: LoadOptions): Promise<Loaded>;
 /** True when the file at this address is in the cache. */
 export declare function isCached(url: string | URL): Promise<boolean>;
 /** Removes everything that this package has stored on the device. */
@@ -166,7 +179,7 @@ export type * from "./types.js";
 
 import type { CreateOptions } from "./types.js";
 type InitOptions = {
-    [K in "wasm" | "onProgress" | "signal" | "fetch"]?: CreateOptions[K] | undefined;
+    [K in "wasm" | "onProgress" | "signal" | "fetch" | "stallTimeoutMs"]?: CreateOptions[K] | undefined;
 };
 /** Where the engine lies in this package. */
 export declare function packagedWasmUrl(): URL;
@@ -405,9 +418,9 @@ export interface Placement {
     };
     /** For three.js, WebGL, WebXR: column-major; the camera looks along -z, y is up. */
     three: {
-        /** `camera.matrixWorld.fromArray(...)` */
+        /** The camera's `matrixWorld`. three.js computes it anew from position and rotation: use `applyPlacement` of `landline/three`. */
         worldFromCamera: Float32Array;
-        /** `camera.matrixWorldInverse.fromArray(...)` */
+        /** Its inverse. */
         cameraFromWorld: Float32Array;
     };
 }
@@ -547,8 +560,13 @@ export interface CreateOptions extends LiveOptions {
     worker?: boolean;
     /** Where the worker's script lies, when a bundler or a strict host needs it elsewhere. */
     workerUrl?: string | URL;
-    /** `default`: weights are kept in the Cache API. */
+    /**
+     * `default`: extractor and scene are kept in the Cache API once the engine has read them. At the next visit the server
+     * is asked whether they are still right (`ETag`, `Last-Modified`); without a network the kept ones serve.
+     */
     cache?: "default" | "none";
+    /** A download of which nothing arrives for so long is given up. Default: 30,000. */
+    stallTimeoutMs?: number;
     /** `sha256-<base64>` or 64 hex digits. */
     integrity?: {
         scene?: string;
@@ -570,7 +588,8 @@ export type ProgressEvent = {
     status: "done";
     file: LoadedFile;
     bytes: number;
-    fromCache: boolean;
+    fromCache: boolean; /** Kept from an earlier visit, and the server could not be asked whether it is still right. */
+    unchecked?: true;
 } | {
     status: "prepare";
 } | {

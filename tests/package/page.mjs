@@ -1,4 +1,5 @@
 // A browser, and a static server that can behave as badly as real ones do.
+import { createHash } from "node:crypto";
 import { createReadStream, existsSync, mkdirSync, readFileSync, statSync } from "node:fs";
 import { mkdtemp, readFile, rm, writeFile } from "node:fs/promises";
 import { createServer } from "node:http";
@@ -22,7 +23,8 @@ const types = {
 
 /**
  * Serves a folder. `faults` maps a path's ending to what goes wrong with it: `{ status }`, `{ type }` (another MIME
- * type), `{ cutAt }` (the connection breaks after so many bytes), `{ body }` (other content).
+ * type), `{ cutAt }` (the connection breaks after so many bytes), `{ body }` (other content), `{ stallAt }` (nothing comes
+ * after so many bytes), `{ endless }` (never stops), `{ announce }` (another length than there is). Files carry an `ETag`.
  */
 export async function serve(test, { dir = site(), base = "/", headers = {}, faults = {} } = {}) {
   const requests = [];
@@ -39,12 +41,28 @@ export async function serve(test, { dir = site(), base = "/", headers = {}, faul
       return void response.end("<!doctype html><title>not here</title>");
     }
     const type = fault.type ?? types[extname(file)] ?? "application/octet-stream";
-    if (fault.body !== undefined) {
-      response.writeHead(200, { "content-type": type, ...headers });
-      return void response.end(fault.body);
+    const content = Buffer.from(fault.body ?? readFileSync(file));
+    const etag = `"${createHash("sha256").update(content).digest("hex").slice(0, 16)}"`;
+    const version = { etag, "cache-control": "no-cache" };
+    if (request.headers["if-none-match"] === etag) {
+      response.writeHead(304, { ...version, ...headers });
+      return void response.end();
     }
-    const size = statSync(file).size;
-    response.writeHead(200, { "content-type": type, "content-length": size, "cache-control": "no-cache", ...headers });
+    if (fault.endless) {
+      response.writeHead(200, { "content-type": type, ...headers });
+      const more = Buffer.alloc(1 << 20);
+      const write = () => {
+        while (!response.destroyed && response.write(more));
+      };
+      response.on("drain", write);
+      return void write();
+    }
+    if (fault.body !== undefined) {
+      response.writeHead(200, { "content-type": type, ...version, ...headers });
+      return void response.end(content);
+    }
+    response.writeHead(200, { "content-type": type, "content-length": fault.announce ?? content.length, ...version, ...headers });
+    if (fault.stallAt !== undefined) return void response.write(content.subarray(0, fault.stallAt));
     if (fault.cutAt === undefined) return void createReadStream(file).pipe(response);
     response.write(readFileSync(file).subarray(0, fault.cutAt), () => setTimeout(() => request.socket.destroy(), 50));
   });

@@ -1,10 +1,10 @@
 /** Loads and compiles the engine's wasm. */
-import { loadBytes } from "./assets.js";
+import { load, maxBytes } from "./assets.js";
 import { LandlineError } from "./errors.js";
 import { hasSimd, isNode } from "./support.js";
 import type { CreateOptions } from "./types.js";
 
-type InitOptions = { [K in "wasm" | "onProgress" | "signal" | "fetch"]?: CreateOptions[K] | undefined };
+type InitOptions = { [K in "wasm" | "onProgress" | "signal" | "fetch" | "stallTimeoutMs"]?: CreateOptions[K] | undefined };
 
 const compiled = new Map<string, Promise<WebAssembly.Module>>();
 
@@ -37,32 +37,55 @@ function cannotCompile(error: unknown): LandlineError {
 async function compileFromUrl(url: string, options: InitOptions): Promise<WebAssembly.Module> {
   // Streaming compiles while downloading, and lets the browser keep the machine code; it insists on the MIME type.
   if (!isNode() && typeof WebAssembly.compileStreaming === "function") {
-    let response: Response | undefined;
+    const { stallTimeoutMs = 30_000 } = options;
+    const stop = new AbortController();
+    const forward = (): void => stop.abort(options.signal?.reason);
+    options.signal?.addEventListener("abort", forward, { once: true });
+    let timer: ReturnType<typeof setTimeout> | undefined;
+    const giveUp = (problem: string): void => stop.abort(new LandlineError("asset-fetch", `the engine from ${url} ${problem}`, "Check the connection, then try again."));
+    /** Called with every arrival. */
+    const watch = (loaded: number): void => {
+      clearTimeout(timer);
+      timer = setTimeout(() => giveUp(`stopped arriving: nothing came for ${stallTimeoutMs / 1000} s`), stallTimeoutMs);
+      if (loaded > maxBytes.engine) giveUp(`is larger than ${maxBytes.engine / 2 ** 20} MiB`);
+    };
     try {
-      response = await (options.fetch ?? globalThis.fetch)(url, options.signal ? { signal: options.signal } : {});
-    } catch {
-      response = undefined; // the plain way below has the words for what went wrong
-    }
-    const mime = response?.headers.get("content-type")?.split(";")[0]?.trim().toLowerCase();
-    if (response?.ok && response.body && mime === "application/wasm") {
-      const total = response.headers.get("content-encoding") ? 0 : Number(response.headers.get("content-length") ?? 0) || 0;
-      options.onProgress?.({ status: "download", file: "engine", url, loaded: 0, total, fromCache: false });
-      const counted = response.clone().body;
-      const counting = counted ? count(counted, (loaded) => options.onProgress?.({ status: "download", file: "engine", url, loaded, total, fromCache: false })) : Promise.resolve(0);
+      watch(0);
+      let response: Response | undefined;
       try {
-        const module = await WebAssembly.compileStreaming(response);
-        options.onProgress?.({ status: "done", file: "engine", bytes: await counting, fromCache: false });
-        return module;
-      } catch (error) {
-        options.signal?.throwIfAborted();
-        await counting.catch(() => 0);
-        if (error instanceof WebAssembly.CompileError) throw cannotCompile(error);
-        throw new LandlineError("asset-fetch", `the connection broke while the engine was loading from ${url}: ${String((error as Error).message ?? error)}`, "Check the connection, then try again.", error);
+        response = await (options.fetch ?? globalThis.fetch)(url, { signal: stop.signal });
+      } catch {
+        stop.signal.throwIfAborted();
+        response = undefined; // the plain way below has the words for what went wrong
       }
+      const mime = response?.headers.get("content-type")?.split(";")[0]?.trim().toLowerCase();
+      if (response?.ok && response.body && mime === "application/wasm") {
+        const total = response.headers.get("content-encoding") ? 0 : Number(response.headers.get("content-length") ?? 0) || 0;
+        const onBytes = (loaded: number): void => {
+          watch(loaded);
+          options.onProgress?.({ status: "download", file: "engine", url, loaded, total, fromCache: false });
+        };
+        onBytes(0);
+        const counted = response.clone().body;
+        const counting = counted ? count(counted, onBytes) : Promise.resolve(0);
+        try {
+          const module = await WebAssembly.compileStreaming(response);
+          options.onProgress?.({ status: "done", file: "engine", bytes: await counting, fromCache: false });
+          return module;
+        } catch (error) {
+          await counting.catch(() => 0);
+          stop.signal.throwIfAborted();
+          if (error instanceof WebAssembly.CompileError) throw cannotCompile(error);
+          throw new LandlineError("asset-fetch", `the connection broke while the engine was loading from ${url}: ${String((error as Error).message ?? error)}`, "Check the connection, then try again.", error);
+        }
+      }
+      await response?.body?.cancel().catch(() => undefined);
+    } finally {
+      clearTimeout(timer);
+      options.signal?.removeEventListener("abort", forward);
     }
-    await response?.body?.cancel().catch(() => undefined);
   }
-  const bytes = await loadBytes(url, { file: "engine", onProgress: options.onProgress, signal: options.signal, fetch: options.fetch, cache: "none" });
+  const { bytes } = await load(url, { ...options, file: "engine", cache: "none" });
   return compileBytes(bytes, url);
 }
 

@@ -1,12 +1,13 @@
 /** The public class. */
-import { loadBytes } from "./assets.js";
+import { checkCreateOptions, checkLiveOptions, checkLocateOptions, checkRecall } from "./arguments.js";
+import { load, type Loaded } from "./assets.js";
 import { DirectChannel, WorkerChannel, type Channel } from "./channel.js";
 import { LandlineError } from "./errors.js";
 import { intrinsicsForFrame, prepareFrame, sizeOf } from "./frames.js";
 import { loadEngine } from "./init.js";
-import type { LocateRequest, MemoryUse, WireFrame } from "./protocol.js";
+import type { Created, LocateRequest, MemoryUse, WireFrame } from "./protocol.js";
 import { isNode } from "./support.js";
-import type { Backend, CreateOptions, Device, FrameSource, Intrinsics, KnownIntrinsicsSource, LiveOptions, LocateOptions, LocateResult, SceneInfo } from "./types.js";
+import type { Backend, CreateOptions, FrameSource, Intrinsics, LiveOptions, LocateOptions, LocateResult, SceneInfo } from "./types.js";
 
 /** Where the extractor's weights lie in this package. */
 export function packagedExtractorUrl(): URL {
@@ -15,9 +16,6 @@ export function packagedExtractorUrl(): URL {
 
 /** What `searching`, `tracking` and `limited` listeners get; `detail` is the result that led there. */
 export type StateEvent = CustomEvent<LocateResult>;
-
-const devices: readonly Device[] = ["auto", "webgpu", "cpu"];
-const knownSources: readonly KnownIntrinsicsSource[] = ["given", "track", "exif"];
 
 /**
  * Finds the camera in one taught place.
@@ -50,38 +48,48 @@ export class Relocalizer extends EventTarget {
     if (options === null || typeof options !== "object" || options.scene === undefined) {
       throw new LandlineError("bad-input", "create() needs { scene }", "Pass the address or the bytes of a .landline file.");
     }
-    const { signal, onProgress, fetch, cache, integrity, wasm, device = "auto" } = options;
-    if (!devices.includes(device)) {
-      throw new LandlineError("bad-input", `device ${JSON.stringify(device)} is unknown`, "Use auto, webgpu or cpu.");
-    }
+    checkCreateOptions(options);
+    const { signal, onProgress, fetch, cache, integrity, wasm, stallTimeoutMs, device = "auto" } = options;
     signal?.throwIfAborted();
     // When one of the three fails the others are of no use any more.
     const stop = new AbortController();
     const forward = (): void => stop.abort(signal?.reason);
     signal?.addEventListener("abort", forward, { once: true });
-    const common = { onProgress, cache, fetch, signal: stop.signal };
+    const common = { onProgress, cache, fetch, stallTimeoutMs, signal: stop.signal };
+    const loadExtractor = (): Promise<Loaded> => load(options.extractor ?? packagedExtractorUrl(), { ...common, file: "extractor", integrity: integrity?.extractor });
+    const loadScene = (): Promise<Loaded> => load(options.scene, { ...common, file: "scene", integrity: integrity?.scene });
     try {
-      const parts = await Promise.all([
-        loadEngine({ wasm, onProgress, fetch, signal: stop.signal }),
-        loadBytes(options.extractor ?? packagedExtractorUrl(), { ...common, file: "extractor", integrity: integrity?.extractor }),
-        loadBytes(options.scene, { ...common, file: "scene", integrity: integrity?.scene }),
-      ]).catch((error: unknown) => {
+      let [module, extractor, scene] = await Promise.all([loadEngine({ wasm, onProgress, fetch, stallTimeoutMs, signal: stop.signal }), loadExtractor(), loadScene()]).catch((error: unknown) => {
         stop.abort(error);
         throw error;
       });
-      const [module, extractor, scene] = parts;
       onProgress?.({ status: "prepare" });
       const useWorker = options.worker ?? !isNode();
       const channel: Channel = useWorker ? new WorkerChannel(options.workerUrl) : new DirectChannel();
       const abort = (): void => channel.close();
       signal?.addEventListener("abort", abort, { once: true });
+      const prepare = async (again: boolean): Promise<Created> => {
+        // Kept bytes may prove to be wrong, and the others are needed once more then.
+        const [e, s] = again ? [extractor.bytes.slice(), scene.bytes.slice()] : [extractor.bytes, scene.bytes];
+        return channel.call("create", { module, extractor: e, scene: s, device, options: liveOptions(options) }, useWorker ? [e.buffer as ArrayBuffer, s.buffer as ArrayBuffer] : []);
+      };
       try {
-        const created = await channel.call(
-          "create",
-          { module, extractor, scene, device, options: liveOptions(options) },
-          useWorker ? [extractor.buffer, scene.buffer] : [],
-        );
+        let created: Created;
+        try {
+          created = await prepare(extractor.fromCache || scene.fromCache);
+        } catch (error) {
+          const code = error instanceof LandlineError ? error.code : undefined;
+          const isScene = code === "scene-corrupt" || code === "scene-version" || code === "scene-extractor";
+          const suspect = isScene ? scene : code === "extractor-corrupt" ? extractor : undefined;
+          if (!suspect?.fromCache) throw error;
+          // One that was kept before it could be checked, or while the server was out of order: once more, from there.
+          await suspect.drop();
+          if (isScene) scene = await loadScene();
+          else extractor = await loadExtractor();
+          created = await prepare(false);
+        }
         signal?.throwIfAborted();
+        await Promise.all([extractor.keep(), scene.keep()]);
         onProgress?.({ status: "ready", backend: created.backend, backendReason: created.backendReason });
         return new Relocalizer(channel, useWorker, created.scene, created.backend, created.backendReason);
       } catch (error) {
@@ -118,6 +126,7 @@ export class Relocalizer extends EventTarget {
   /** Finds the camera of one frame. Frames are answered in the order of the calls. */
   async locate(source: FrameSource, options: LocateOptions = {}): Promise<LocateResult> {
     this.#check();
+    checkLocateOptions(options);
     options.signal?.throwIfAborted();
     this.#inFlight += 1;
     try {
@@ -158,6 +167,7 @@ export class Relocalizer extends EventTarget {
   /** Changes options; those left out stay. */
   async setOptions(options: LiveOptions): Promise<void> {
     this.#check();
+    checkLiveOptions(options);
     await this.#channel.call("setOptions", liveOptions(options));
   }
 
@@ -167,6 +177,7 @@ export class Relocalizer extends EventTarget {
    */
   async recallCamera(camera: string, focalPerWidth: number): Promise<void> {
     this.#check();
+    checkRecall(camera, focalPerWidth);
     await this.#channel.call("recallCamera", { camera, focalPerWidth });
   }
 
@@ -215,9 +226,6 @@ function intrinsicsOf(frame: WireFrame, options: LocateOptions, exif: Intrinsics
   if (!given) return { intrinsicsSource: "given" };
   const { width, height } = sizeOf(frame);
   const intrinsicsSource = options.intrinsics ? (options.intrinsicsSource ?? "given") : "exif";
-  if (!knownSources.includes(intrinsicsSource)) {
-    throw new LandlineError("bad-input", `intrinsicsSource ${JSON.stringify(intrinsicsSource)} is unknown`, "Use given, track or exif.");
-  }
   return { intrinsics: intrinsicsForFrame(given, width, height), intrinsicsSource };
 }
 

@@ -92,9 +92,9 @@ export interface Placement {
   rotation: { w: number; x: number; y: number; z: number };
   /** For three.js, WebGL, WebXR: column-major; the camera looks along -z, y is up. */
   three: {
-    /** `camera.matrixWorld.fromArray(...)` */
+    /** The camera's `matrixWorld`. three.js computes it anew from position and rotation: use `applyPlacement` of `landline/three`. */
     worldFromCamera: Float32Array;
-    /** `camera.matrixWorldInverse.fromArray(...)` */
+    /** Its inverse. */
     cameraFromWorld: Float32Array;
   };
 }
@@ -238,8 +238,13 @@ export interface CreateOptions extends LiveOptions {
   worker?: boolean;
   /** Where the worker's script lies, when a bundler or a strict host needs it elsewhere. */
   workerUrl?: string | URL;
-  /** `default`: weights are kept in the Cache API. */
+  /**
+   * `default`: extractor and scene are kept in the Cache API once the engine has read them. At the next visit the server
+   * is asked whether they are still right (`ETag`, `Last-Modified`); without a network the kept ones serve.
+   */
   cache?: "default" | "none";
+  /** A download of which nothing arrives for so long is given up. Default: 30,000. */
+  stallTimeoutMs?: number;
   /** `sha256-<base64>` or 64 hex digits. */
   integrity?: { scene?: string; extractor?: string };
   /** Used for every download. */
@@ -251,7 +256,7 @@ export type LoadedFile = "engine" | "extractor" | "scene";
 
 export type ProgressEvent =
   | { status: "download"; file: LoadedFile; url: string; loaded: number; /** 0 when unknown. */ total: number; fromCache: boolean }
-  | { status: "done"; file: LoadedFile; bytes: number; fromCache: boolean }
+  | { status: "done"; file: LoadedFile; bytes: number; fromCache: boolean; /** Kept from an earlier visit, and the server could not be asked whether it is still right. */ unchecked?: true }
   | { status: "prepare" }
   | { status: "ready"; backend: Backend; backendReason: string };
 

@@ -1,0 +1,108 @@
+/**
+ * Arguments of the public calls, checked where they enter: names that nobody knows, types and ranges. What would become
+ * `null` on its way to the engine, as NaN does in JSON, or end it, is refused here by the argument's name.
+ */
+import { LandlineError } from "./errors.js";
+import type { CreateOptions, LiveOptions, LocateOptions } from "./types.js";
+
+/** Tells what was expected, or nothing where the value is right. */
+type Check = (value: unknown) => string | undefined;
+
+const number =
+  (low: number, high: number, expected: string): Check =>
+  (value) =>
+    typeof value === "number" && value >= low && value <= high ? undefined : expected;
+const whole =
+  (low: number, high: number, expected: string): Check =>
+  (value) =>
+    Number.isInteger(value) && (value as number) >= low && (value as number) <= high ? undefined : expected;
+const kind =
+  (name: "string" | "boolean" | "function"): Check =>
+  (value) =>
+    typeof value === name ? undefined : `a ${name}`;
+const oneOf =
+  (...words: string[]): Check =>
+  (value) =>
+    words.includes(value as string) ? undefined : words.join(", ").replace(/, ([^,]*)$/, " or $1");
+const object: Check = (value) => (typeof value === "object" && value !== null ? undefined : "an object");
+const anything: Check = () => undefined; // its own place checks it
+const included = oneOf("points", "lines", "segments");
+
+const largest = Number.MAX_VALUE;
+
+const live: Record<keyof LiveOptions, Check> = {
+  smoothing: oneOf("off", "steady", "responsive"),
+  maxSide: whole(1, 8192, "a whole number of pixels from 1 to 8192"),
+  timeBudgetMs: number(0, largest, "a finite number of milliseconds that is not negative"),
+  seed: whole(0, Number.MAX_SAFE_INTEGER, "a whole number that is not negative"),
+  maxPointErrorPx: number(Number.MIN_VALUE, largest, "a finite number of pixels above 0"),
+  maxLineErrorPx: number(Number.MIN_VALUE, largest, "a finite number of pixels above 0"),
+};
+
+const create: Record<keyof CreateOptions, Check> = {
+  ...live,
+  scene: anything,
+  extractor: anything,
+  device: oneOf("auto", "webgpu", "cpu"),
+  onProgress: kind("function"),
+  signal: object,
+  wasm: anything,
+  worker: kind("boolean"),
+  workerUrl: (value) => (typeof value === "string" || value instanceof URL ? undefined : "an address"),
+  cache: oneOf("default", "none"),
+  stallTimeoutMs: number(1, 2 ** 31 - 1, "milliseconds from 1 to 2147483647"),
+  integrity: object,
+  fetch: kind("function"),
+};
+
+const locate: Record<keyof LocateOptions, Check> = {
+  intrinsics: object,
+  intrinsicsSource: oneOf("given", "track", "exif"),
+  timestamp: number(-largest, largest, "a finite number of milliseconds"),
+  include: (value) => (Array.isArray(value) && value.every((name) => !included(name)) ? undefined : "a list of points, lines or segments"),
+  camera: kind("string"),
+  tracking: kind("boolean"),
+  transfer: kind("boolean"),
+  signal: object,
+};
+
+/** A value as an error may show it: short, and on one line. */
+function shown(value: unknown): string {
+  if (typeof value === "bigint") return `${value}n`;
+  if (typeof value === "number" || typeof value === "undefined" || typeof value === "symbol") return String(value);
+  let text: string | undefined;
+  try {
+    text = JSON.stringify(value);
+  } catch {
+    text = undefined; // circles
+  }
+  text ??= typeof value;
+  return text.length > 60 ? `${text.slice(0, 57)}...` : text;
+}
+
+/** @throws LandlineError `bad-input`: names the argument, its value, and what was expected. */
+export function checkArgument(name: string, value: unknown, check: Check): void {
+  const expected = check(value);
+  if (expected !== undefined) throw new LandlineError("bad-input", `${name} is ${shown(value)}, expected ${expected}`);
+}
+
+function checkOptions(call: string, options: unknown, table: Record<string, Check>): void {
+  checkArgument(`the argument of ${call}()`, options, object);
+  for (const [name, value] of Object.entries(options as object)) {
+    if (!Object.hasOwn(table, name)) {
+      throw new LandlineError("bad-input", `${call}() has no option ${shown(name)}`, `Its options are ${Object.keys(table).join(", ")}.`);
+    }
+    const check = table[name];
+    if (value !== undefined && check) checkArgument(`option ${name}`, value, check);
+  }
+}
+
+export const checkCreateOptions = (options: unknown): void => checkOptions("create", options, create);
+export const checkLocateOptions = (options: unknown): void => checkOptions("locate", options, locate);
+export const checkLiveOptions = (options: unknown): void => checkOptions("setOptions", options, live);
+
+/** What `recallCamera` takes. */
+export function checkRecall(camera: unknown, focalPerWidth: unknown): void {
+  checkArgument("camera", camera, kind("string"));
+  checkArgument("focalPerWidth", focalPerWidth, number(Number.MIN_VALUE, largest, "a finite number above 0"));
+}

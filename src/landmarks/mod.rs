@@ -9,6 +9,7 @@
 //!   allocation once a frame of the size was seen.
 //! * **Cost**: linear in the landmarks for the projection, in what lies in the windows for the descriptors.
 
+pub mod anchors;
 pub mod build;
 pub mod code;
 pub mod from_map;

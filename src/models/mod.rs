@@ -16,6 +16,7 @@ mod config;
 mod error;
 mod extractor;
 mod fold;
+pub mod landmarks;
 mod proposed;
 mod superpoint;
 #[cfg(test)]

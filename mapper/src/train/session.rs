@@ -13,7 +13,9 @@ use super::recipe::{AnchorStart, Recipe};
 use super::{init, schedule};
 use burn::tensor::{Device, Tensor, TensorData};
 use landline::geometry::SceneScale;
+use landline::landmarks::anchors::{line_anchors, point_anchors};
 use landline::math::Rng;
+use landline::models::landmarks::{anchored_start, fan_in};
 use landline::models::{AttentionOutput, LineBranchConfig, PointBranchConfig, TensorSpec};
 use landline::reconstruction::Reconstruction;
 use serde::{Deserialize, Serialize};
@@ -198,15 +200,15 @@ impl Session {
                 (AnchorStart::Random, _) => {
                     init::random_anchors(*num_anchors, key_len, target_len(kind), &mut rng)
                 }
-                (_, Kind::Points) => init::point_anchors(map, held, &scale, *num_anchors),
-                (_, Kind::Segments) => init::line_anchors(map, held, &scale, *num_anchors),
+                (_, Kind::Points) => point_anchors(map, held, &scale, *num_anchors),
+                (_, Kind::Segments) => line_anchors(map, held, &scale, *num_anchors),
             };
             *num_anchors = anchors.len();
             anchors
         });
         let specs = config.tensors();
         let start = |spec: &TensorSpec| {
-            let fan_in = init::fan_in(spec, &specs);
+            let fan_in = fan_in(spec, &specs);
             if config.has_attention() {
                 let start = init::AttentionStart {
                     specs: &specs,
@@ -216,7 +218,7 @@ impl Session {
                 };
                 init::attention_start(spec, fan_in, &start)
             } else {
-                init::anchored_start(spec, fan_in, anchors.as_deref().unwrap_or(&[]), &mut rng)
+                anchored_start(spec, fan_in, anchors.as_deref().unwrap_or(&[]), &mut rng)
             }
         };
         let mut parameters = Parameters::new(specs.clone(), device, start);

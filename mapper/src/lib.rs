@@ -1,5 +1,6 @@
 //! Library behind the native tool `landline`: data set readers, labels, training, evaluation, model conversion.
 
+pub mod args;
 pub mod augment;
 pub mod cmd;
 pub mod dataset;
@@ -19,6 +20,8 @@ pub mod progress;
 pub mod replay;
 pub mod scene;
 pub mod shown;
+pub mod teach;
+pub mod terminal;
 pub mod timestamp;
 #[cfg(feature = "train")]
 pub mod train;

@@ -28,11 +28,8 @@ enum Command {
     Landmarks(cmd::landmarks::Args),
     Lines(cmd::lines::Args),
     Locate(cmd::locate::Args),
-    #[cfg(feature = "train")]
     Map(cmd::map::Args),
     Pose(cmd::pose::Args),
-    #[cfg(feature = "train")]
-    Sample(cmd::sample::Args),
     Track(cmd::track::Args),
     #[cfg(feature = "train")]
     Train(cmd::train::Args),
@@ -52,11 +49,8 @@ fn main() -> ExitCode {
         Command::Landmarks(args) => cmd::landmarks::run(args),
         Command::Lines(args) => cmd::lines::run(args),
         Command::Locate(args) => cmd::locate::run(args),
-        #[cfg(feature = "train")]
         Command::Map(args) => cmd::map::run(args),
         Command::Pose(args) => cmd::pose::run(args),
-        #[cfg(feature = "train")]
-        Command::Sample(args) => cmd::sample::run(args),
         Command::Track(args) => cmd::track::run(args),
         #[cfg(feature = "train")]
         Command::Train(args) => cmd::train::run(args),

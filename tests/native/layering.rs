@@ -102,6 +102,25 @@ fn modules_of_the_mapper_import_only_lower_layers() {
 }
 
 #[test]
+fn commands_of_the_mapper_do_not_know_each_other() {
+    let mut broken = Vec::new();
+    for file in tree::rust_files("mapper/src/cmd") {
+        let module = rust::module_of(file.trim_start_matches("mapper/src/"));
+        for import in rust::imports(&tree::read(&file), &module) {
+            let is_own = import.path.get(1) == module.get(1) || module.len() < 2;
+            if import.path.first().is_some_and(|top| top == "cmd") && !is_own {
+                broken.push(format!("{file}:{}: {}", import.line, import.text));
+            }
+        }
+    }
+    assert!(
+        broken.is_empty(),
+        "what commands share belongs into a module below them:\n{}",
+        broken.join("\n")
+    );
+}
+
+#[test]
 fn the_core_does_not_know_the_browser() {
     let manifest = tree::read("Cargo.toml");
     let direct = manifest

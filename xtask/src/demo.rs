@@ -25,7 +25,7 @@ pub(crate) struct Args {
 /// Renders the sample room, trains its scene, and writes the demo's sample files anew.
 #[derive(Debug, clap::Args)]
 pub(crate) struct SampleArgs {
-    /// Passed on to `landline sample`.
+    /// Passed on to the example `sample` of the mapper.
     #[arg(last = true)]
     rest: Vec<String>,
 }
@@ -107,8 +107,9 @@ pub(crate) fn sample(args: &SampleArgs) -> Result<()> {
             "--release",
             "--package",
             "landline-mapper",
-            "--",
+            "--example",
             "sample",
+            "--",
         ])
         .args(&args.rest);
     shell::run(cargo.env("LANDLINE_XFEAT_CHECKPOINT", weights.checkpoint))

@@ -1,12 +1,12 @@
 //! `landline convert`: a foreign checkpoint becomes an extractor file or a scene file; a file of ours is stored anew.
 
+use crate::args::PrecisionArg;
 use crate::dataset::{UnitsArg, check_scale, gravity_from_up, parse_vector};
 use crate::files::write_bytes;
 use crate::import::{ImportOptions, Imported, import};
 use crate::timestamp::now;
 use crate::weights::load_extractor;
 use anyhow::{Context as _, Result, bail, ensure};
-use clap::ValueEnum;
 use landline::models::{ExtractorKind, RegressorConfig, Sampler};
 use landline::nn::Weights;
 use landline::scene_file::{
@@ -72,27 +72,6 @@ pub struct Args {
     /// Licence of the weights; goes into the file.
     #[arg(long)]
     licence: Option<String>,
-}
-
-/// Storage of weights on the command line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum PrecisionArg {
-    /// 32-bit.
-    F32,
-    /// 16-bit.
-    F16,
-    /// 8-bit matrices.
-    Int8,
-}
-
-impl From<PrecisionArg> for Precision {
-    fn from(arg: PrecisionArg) -> Self {
-        match arg {
-            PrecisionArg::F32 => Self::F32,
-            PrecisionArg::F16 => Self::F16,
-            PrecisionArg::Int8 => Self::Int8,
-        }
-    }
 }
 
 /// What goes into the file.

@@ -1,6 +1,6 @@
 //! `landline eval`: accuracy of a scene on pictures with known poses.
 
-use crate::cmd::labels::TeachingArgs;
+use crate::args::TeachingArgs;
 use crate::dataset::{Dataset, DatasetImage, Split, open};
 use crate::device::{self, Device};
 use crate::eval::{
@@ -13,6 +13,8 @@ use crate::labels::Labels;
 use crate::picture;
 use crate::progress::Progress;
 use crate::scene::{KernelArgs, front_end_options, read_scene, relocalizer};
+use crate::teach;
+use crate::terminal::Bars;
 use crate::units::Ruler;
 use crate::{export, overlay};
 use anyhow::{Context, Result, bail};
@@ -230,9 +232,8 @@ fn labels_of(args: &Args, dataset: &Dataset, extraction: &Extraction) -> Result<
             "the baseline needs training pictures, and the data set has {num_train}; give --labels FILE or --no-baseline"
         );
     }
-    let (labels, _) = args
-        .teaching
-        .labels(dataset, extraction)
+    let model_points = args.teaching.has_model_points();
+    let (labels, _) = teach::labels(dataset, extraction, model_points, &mut Bars)
         .context("labels for the baseline; --no-baseline leaves it out")?;
     Ok(labels)
 }

@@ -1,25 +1,45 @@
 //! `landline map`: from pictures with poses to a scene file in one go.
 
-use crate::cmd::labels::TeachingArgs;
-use crate::cmd::train::{TrainingArgs, train_and_write};
-use anyhow::Result;
+use crate::args::{SceneArgs, TeachingArgs};
+use crate::dataset::open;
+use crate::extract::Extraction;
+use crate::files;
+use crate::teach::{Request, teach};
+use crate::terminal::Terminal;
+#[cfg(feature = "train")]
+use crate::{
+    args::TrainingArgs,
+    teach::{Training, When},
+};
+use anyhow::{Context, Result};
+use landline::front_end::FrontEndOptions;
 use std::path::PathBuf;
 
-/// Teach a place: features, labels and training of its posed pictures, one scene file.
+/// Teach a place: features, points and lines of its posed pictures, one scene file.
 ///
-/// Features are cached in the run folder, or where `--features` says; an interrupted run goes on from there.
+/// The networks begin as the place's landmarks, which locate by themselves. They are trained only where pictures that were
+/// kept back show that these are not enough, or where options ask for it. Features are cached in the run folder, or where
+/// `--features` says; an interrupted run goes on from there.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(flatten)]
     teaching: TeachingArgs,
-    /// Image-space variants of each picture (turned, scaled, blurred, lit differently) to train on.
-    #[arg(long, value_name = "N", default_value_t = 2)]
-    variants: usize,
     /// The scene file to write.
     #[arg(long, short)]
     out: PathBuf,
     #[command(flatten)]
-    training: TrainingArgs,
+    scene: SceneArgs,
+    /// When networks are trained; options of training ask for it too.
+    #[cfg(feature = "train")]
+    #[arg(long, value_enum, default_value_t = When::Auto, value_name = "WHEN")]
+    training: When,
+    /// Image-space variants of each picture (turned, scaled, blurred, lit differently), where networks are trained.
+    #[cfg(feature = "train")]
+    #[arg(long, value_name = "N", default_value_t = 2)]
+    variants: usize,
+    #[cfg(feature = "train")]
+    #[command(flatten)]
+    how: TrainingArgs,
 }
 
 /// Teaches a place.
@@ -27,10 +47,44 @@ pub struct Args {
 /// # Errors
 /// When the data cannot be read, nothing can be triangulated or learned, or the disk refuses.
 pub fn run(args: Args) -> Result<()> {
-    args.training.check()?;
-    let folder = args.training.run_folder(&args.out);
-    let taught = args
-        .teaching
-        .teach(Some(&folder.join("features")), args.variants)?;
-    train_and_write(&taught.labels, &args.training, &args.out)
+    // Before anything expensive happens.
+    let scene = args.scene.request()?;
+    #[cfg(feature = "train")]
+    let training = args.training()?;
+    let dataset = open(&args.teaching.data)?;
+    print!("{}", dataset.table());
+    let extractor = args.teaching.extractor.read()?;
+    let options = FrontEndOptions::new(extractor.kind);
+    let own_cache = args.scene.run_folder(&args.out).join("features");
+    let cache = args.teaching.features.as_deref().unwrap_or(&own_cache);
+    let extraction = Extraction::new(extractor, options, Some(cache));
+    let precision = scene.precision;
+    let request = Request {
+        dataset: &dataset,
+        extraction: &extraction,
+        model_points: args.teaching.has_model_points(),
+        scene,
+        #[cfg(feature = "train")]
+        training: Some(training),
+    };
+    let taught = teach(&request, &mut Terminal)
+        .with_context(|| format!("teaching {}", args.out.display()))?;
+    let bytes = taught.scene.to_bytes(precision)?;
+    files::write_bytes(&args.out, &bytes)?;
+    println!("wrote {} ({} bytes)", args.out.display(), bytes.len());
+    Ok(())
+}
+
+#[cfg(feature = "train")]
+impl Args {
+    fn training(&self) -> Result<Training> {
+        let when = match self.training {
+            When::Auto if self.how.is_asked_for() => When::Always,
+            when => when,
+        };
+        let folder = self.scene.run_folder(&self.out);
+        let mut training = self.how.training(when, &self.scene, folder)?;
+        training.variants = self.variants;
+        Ok(training)
+    }
 }

@@ -12,11 +12,8 @@ pub mod labels;
 pub mod landmarks;
 pub mod lines;
 pub mod locate;
-#[cfg(feature = "train")]
 pub mod map;
 pub mod pose;
-#[cfg(feature = "train")]
-pub mod sample;
 pub mod track;
 #[cfg(feature = "train")]
 pub mod train;

@@ -8,6 +8,7 @@ use landline::reconstruction::View;
 use landline::regress::{Predictions, RegressError, Regressor};
 use landline::relocalizer::{LiveOptions, correspondences};
 use landline::scene_file::{HeldOut, SceneFile};
+use std::ops::Range;
 
 /// How far from a view's own pose the solver ends with correspondences in the view's pixels, as the relocalizer would call
 /// it; `None` without a pose.
@@ -67,4 +68,25 @@ pub fn held_out(
         errors.push(error.map(|e| (e.position, e.rotation_deg)));
     }
     Ok(HeldOut::of(&errors, scene.info.units))
+}
+
+/// The pictures that are kept back: one stretch in the middle, so that they are no neighbours of taught ones. One in `every`
+/// pictures; 0 keeps none.
+pub fn held_range(num_images: usize, every: usize) -> Range<usize> {
+    let len = num_images.checked_div(every).unwrap_or(0);
+    let start = (num_images - len) / 2;
+    start..start + len
+}
+
+#[cfg(test)]
+mod tests {
+    use super::held_range;
+
+    #[test]
+    fn one_stretch_in_the_middle() {
+        assert_eq!(held_range(800, 20), 380..420);
+        assert_eq!(held_range(10, 20), 5..5);
+        assert_eq!(held_range(10, 0), 5..5);
+        assert_eq!(held_range(3, 1), 0..3);
+    }
 }

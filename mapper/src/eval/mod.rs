@@ -12,7 +12,7 @@ mod run;
 
 pub use baseline::{Landmarks, baseline_size};
 pub use compare::Comparison;
-pub use held_out::{held_out, pose_error};
+pub use held_out::{held_out, held_range, pose_error};
 pub use lines::{LineAccuracy, LineTruth, MAX_LINE_ANGLE_DEG, MAX_LINE_DISTANCE};
 pub use peer::{FullMatching, NUM_PICTURES};
 pub use report::{Subject, per_image_csv, table, to_json, write_report};

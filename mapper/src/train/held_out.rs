@@ -27,14 +27,6 @@ pub struct Judgement {
     pub score: f64,
 }
 
-/// The pictures that are kept back: one stretch in the middle, so that they are no neighbours of taught ones. One in `every`
-/// pictures; 0 keeps none.
-pub fn held_range(num_images: usize, every: usize) -> Range<usize> {
-    let len = num_images.checked_div(every).unwrap_or(0);
-    let start = (num_images - len) / 2;
-    start..start + len
-}
-
 /// Judges the averaged parameters of a branch on held-out pictures; `None` without any.
 pub fn judge(
     session: &Session,
@@ -137,17 +129,4 @@ fn solve(
         Kind::Segments => (Vec::new(), chosen.iter().map(lines).collect()),
     };
     pose_error(labels, image.view, &points, &lines)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::held_range;
-
-    #[test]
-    fn one_stretch_in_the_middle() {
-        assert_eq!(held_range(800, 20), 380..420);
-        assert_eq!(held_range(10, 20), 5..5);
-        assert_eq!(held_range(10, 0), 5..5);
-        assert_eq!(held_range(3, 1), 0..3);
-    }
 }

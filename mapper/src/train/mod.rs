@@ -11,7 +11,6 @@
 pub mod buffer;
 pub mod checkpoint;
 pub mod curves;
-pub mod export;
 pub mod held_out;
 pub mod init;
 pub mod loss;

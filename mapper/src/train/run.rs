@@ -4,10 +4,11 @@
 //! interrupted goes on from its checkpoint with `resume`, and ends with the same tensors as one that was not.
 
 use super::buffer::{Buffer, Kind};
-use super::held_out::{Judgement, held_range, judge};
+use super::held_out::{Judgement, judge};
 use super::recipe::{self, Recipe};
 use super::session::{BranchConfig, Session, StepReport};
 use super::{checkpoint, curves};
+use crate::eval::held_range;
 use crate::files;
 use crate::labels::{Labelled, Labels, Targets};
 use crate::units::Ruler;

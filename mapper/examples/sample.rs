@@ -1,33 +1,32 @@
-//! `landline sample`: the demo's scene, from rendering to the scene file.
+//! The demo's scene, from rendering to the scene file: `cargo xtask sample`.
 //!
 //! Renders a room whose poses and points are known exactly, takes pictures of a walk through it, teaches a scene from them
 //! as from any other pictures, and writes it with pictures taken elsewhere in the room and their true poses.
 
-use crate::cmd::landmarks;
-use crate::cmd::train::{TrainingArgs, print_summary};
-use crate::dataset::{DatasetImage, Split};
-use crate::feature_cache::FeatureCache;
-use crate::files;
-use crate::labels::{LabelParams, Labels, Origin, build};
-use crate::progress::Progress;
-use crate::timestamp::now;
-use crate::train::export::{self, Statement};
-use crate::train::run as training;
-use crate::weights::load_extractor;
 use anyhow::Result;
+use clap::Parser;
 use image::{ExtendedColorType, ImageEncoder};
 use landline::features::FeatureSet;
 use landline::front_end::{FrontEnd, FrontEndOptions};
 use landline::image::{FrameView, PixelFormat};
-use landline::scene_file::{ExtractorFile, Precision, Units};
+use landline::scene_file::{ExtractorFile, Units};
+use landline_mapper::args::{SceneArgs, TrainingArgs};
+use landline_mapper::dataset::{DatasetImage, Split};
+use landline_mapper::feature_cache::FeatureCache;
+use landline_mapper::files;
+use landline_mapper::labels::{LabelParams, Labels, Origin, build};
+use landline_mapper::progress::Progress;
+use landline_mapper::teach::{When, add_landmarks, trained_scene};
+use landline_mapper::terminal::Terminal;
+use landline_mapper::weights::load_extractor;
 use landline_testkit::room::{Picture, RenderOptions, Room, View, query_views, training_views};
 use nalgebra::Vector3;
 use serde_json::json;
 use std::path::PathBuf;
 
 /// Make the demo's sample scene and pictures anew.
-#[derive(Debug, clap::Args)]
-pub struct Args {
+#[derive(Debug, Parser)]
+struct Args {
     /// Folder for `sample.landline`, `sample.json` and the pictures.
     #[arg(long, default_value = "www/scenes/sample")]
     out: PathBuf,
@@ -47,6 +46,8 @@ pub struct Args {
     #[arg(long, default_value = "target/sample")]
     work: PathBuf,
     #[command(flatten)]
+    scene: SceneArgs,
+    #[command(flatten)]
     training: TrainingArgs,
 }
 
@@ -56,12 +57,15 @@ const HEIGHT: u32 = 480;
 const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -1.0);
 
 /// Renders, teaches, writes.
-///
-/// # Errors
-/// When the checkpoint is not XFeat's, nothing can be learned, or the disk refuses.
-pub fn run(args: Args) -> Result<()> {
+fn main() -> Result<()> {
+    let args = Args::parse();
     let extractor = load_extractor(&args.checkpoint)?;
-    let created = now()?;
+    let run_folder = args.scene.run_folder(&args.work.join("sample.landline"));
+    let training = args
+        .training
+        .training(When::Always, &args.scene, run_folder)?;
+    let mut request = args.scene.request()?;
+    env!("CARGO_PKG_LICENSE").clone_into(&mut request.licence);
     eprintln!("furnishing the room");
     let room = Room::new(args.room_seed);
     let walk = training_views(&room, args.room_seed, args.walk, WIDTH, HEIGHT);
@@ -96,27 +100,10 @@ pub fn run(args: Args) -> Result<()> {
     )?;
     print!("{stats}");
     println!("{}", make_exact(&room, &mut labels));
-    let device = crate::train::cpu_device();
-    let run_folder = args.training.run_folder(&args.work.join("sample.landline"));
-    let options = args.training.options();
-    let trained = training::train(
-        &labels,
-        &options,
-        &run_folder,
-        &args.training.control(),
-        &device,
-    )?;
-    print_summary(&trained, &labels);
-    let statement = Statement {
-        preset: options.preset,
-        licence: env!("CARGO_PKG_LICENSE").to_owned(),
-        created,
-    };
-    let mut scene = export::scene(&trained, &labels, statement)?;
-    export::measure(&mut scene, &labels, &trained.held, Precision::Int8)?;
-    let size = args.training.size;
-    landmarks::add(&mut scene, &labels.map, size, Precision::Int8)?;
-    let bytes = scene.to_bytes(Precision::Int8)?;
+    let mut scene = trained_scene(&labels, &request, &training, &mut Terminal)?;
+    let (max_bytes, precision) = (request.max_bytes, request.precision);
+    add_landmarks(&mut scene, &labels.map, max_bytes, precision, &mut Terminal)?;
+    let bytes = scene.to_bytes(precision)?;
     let path = args.out.join("sample.landline");
     files::write_bytes(&path, &bytes)?;
     println!("wrote {} ({} bytes)", path.display(), bytes.len());

@@ -1,5 +1,36 @@
 // Public declarations of the npm package, as built. Made by `cargo xtask api --bless`; not written by hand.
 
+// ---- adapters/babylon.d.ts
+
+/**
+ * Puts a result into Babylon.js. Optional entry `landline/babylon`; nothing of Babylon is imported.
+ *
+ * The scene must be right-handed (`scene.useRightHandedSystem = true`): the world is.
+ */
+import { type Intrinsics, type Placement, type View } from "../index.js";
+/** What is needed of a `Matrix`. */
+interface MatrixLike {
+    copyFromFloats?: unknown;
+}
+/** What is needed of a `TargetCamera` (free and universal cameras are some). */
+interface CameraLike<M extends MatrixLike> {
+    minZ: number;
+    maxZ: number;
+    position: {
+        set(x: number, y: number, z: number): unknown;
+    };
+    updateUpVectorFromRotation: boolean;
+    rotationQuaternion: {
+        set(x: number, y: number, z: number, w: number): unknown;
+    } | null;
+    freezeProjectionMatrix(projection?: M): void;
+}
+/** Moves a camera to where the real one is. Give it a `rotationQuaternion` before. */
+export declare function applyPlacement<M extends MatrixLike>(camera: CameraLike<M>, { position, rotation }: Placement): void;
+/** Gives a camera the real one's field of view in a canvas of any shape. `fromArray` is `Matrix.FromArray`. */
+export declare function applyView<M extends MatrixLike>(camera: CameraLike<M>, intrinsics: Intrinsics, view: View, fromArray: (numbers: number[]) => M): void;
+export {};
+
 // ---- adapters/three.d.ts
 
 /**
@@ -8,14 +39,78 @@
  * three's cameras look along -z with y up, the engine's along +z with y down. The result already carries both forms;
  * this applies them.
  */
-import type { Camera as ThreeCamera, PerspectiveCamera } from "three";
-import type { Intrinsics, Placement } from "../index.js";
-/** Moves a camera to where the real one is. Its matrix is set as a whole: `matrixAutoUpdate` is turned off. */
+import type { Camera as ThreeCamera, PerspectiveCamera, WebGLRenderer } from "three";
+import { projectionMatrix, type Fit, type Intrinsics, type Placement, type View } from "../index.js";
+export { projectionMatrix };
+/**
+ * Moves a camera to where the real one is, wherever in the scene graph it hangs. Its matrix is set as a whole:
+ * `matrixAutoUpdate` is turned off, and stays right when the renderer updates it.
+ */
 export declare function applyPlacement(camera: ThreeCamera, placement: Placement): void;
-/** Column-major projection whose picture covers exactly the frame, off-centre principal point included. */
-export declare function projectionMatrix(intrinsics: Intrinsics, near: number, far: number): Float64Array;
-/** Gives a camera the real one's field of view. Draw into a viewport with the frame's aspect ratio. */
+/** Gives a camera the real one's field of view. Draw into a viewport with the frame's aspect ratio, or see `applyView`. */
 export declare function applyIntrinsics(camera: PerspectiveCamera, intrinsics: Intrinsics, near?: number, far?: number): void;
+/** As `applyIntrinsics`, for a canvas of any shape in which the frame is shown by `view.fit`. */
+export declare function applyView(camera: PerspectiveCamera, intrinsics: Intrinsics, view: View, near?: number, far?: number): void;
+export interface CameraViewOptions {
+    /** How the frame fills the canvas; `cover` by default. */
+    fit?: Fit;
+    /** For a camera that faces the user: the canvas is mirrored by CSS, as the video should be. */
+    mirrored?: boolean;
+}
+/** What a camera view takes: any result with or without a position. */
+interface Seen {
+    located: boolean;
+    placement?: Placement;
+    intrinsics?: Intrinsics;
+}
+/** Keeps a renderer's size and a camera in step with the results: resized canvas, device pixel ratio, turned phone. */
+export declare class CameraView {
+    #private;
+    constructor(renderer: WebGLRenderer, camera: PerspectiveCamera, options?: CameraViewOptions);
+    /** Call with every result before drawing. False when there is no position: draw nothing then. */
+    update({ located, placement, intrinsics }: Seen): boolean;
+}
+
+// ---- adapters/webxr.d.ts
+
+/**
+ * Joins a scene with a WebXR session: one localisation says where the scene lies in the session's space, the device's own
+ * tracking does the rest. Optional entry `landline/webxr`.
+ */
+import { type Placement } from "../index.js";
+/** What is needed of an `XRFrame`; the one of the picture that was located. */
+interface FrameLike {
+    getViewerPose(space: XRSpaceLike): {
+        readonly transform: {
+            readonly matrix: Float32Array;
+        };
+    } | undefined;
+}
+/** What is needed of an `XRReferenceSpace`: nothing. */
+type XRSpaceLike = object;
+export interface Alignment {
+    /** Scene to session space, column-major, metres: the matrix of a group that holds all content of the scene. */
+    readonly sessionFromScene: Float32Array;
+    /** Answers that went into it. */
+    readonly count: number;
+}
+export interface AlignOptions {
+    /** Metres for a unit of the scene; 1 by default. */
+    metresPerUnit?: number;
+    /** An earlier alignment that is refined: answers are averaged. */
+    before?: Alignment;
+    /** An answer further than this from the alignment before starts a new one, in metres; 0.5 by default. */
+    maxShift?: number;
+}
+/**
+ * Where the scene lies in the session's space. `frame` must be the `XRFrame` of the picture that was located, `result` its
+ * answer; the viewer of a phone is its camera. `undefined` while the device does not know its own pose.
+ */
+export declare function alignSession(frame: FrameLike, space: XRSpaceLike, result: {
+    located: boolean;
+    placement?: Placement;
+}, options?: AlignOptions): Alignment | undefined;
+export {};
 
 // ---- assets.d.ts
 
@@ -54,8 +149,7 @@ export declare function clearCache(): Promise<void>;
 
 // ---- camera.d.ts
 
-import type { Relocalizer } from "./relocalizer.js";
-import type { Include, Intrinsics, LocateResult } from "./types.js";
+import type { Intrinsics } from "./types.js";
 export interface CameraOptions {
     /** Ask for this device. Otherwise the one that looks away from the user. */
     deviceId?: string;
@@ -76,24 +170,6 @@ export interface Camera {
 export declare function camera(options?: CameraOptions): Promise<Camera>;
 /** Intrinsics from the track's settings, in the form of the W3C proposal; no browser fills them in yet. */
 export declare function intrinsicsFromTrack(track: MediaStreamTrack | undefined): Intrinsics | undefined;
-export interface FollowOptions {
-    intrinsics?: Intrinsics;
-    include?: readonly Include[];
-    camera?: string | (() => string);
-    /** Frames a second at most; fewer keep a phone cool. */
-    maxFps?: number;
-    onResult?: (result: LocateResult) => void;
-    onError?: (error: unknown) => void;
-}
-/** A running loop. */
-export interface Following {
-    /** Frames that came while an older one was being worked on; they were dropped. */
-    readonly dropped: number;
-    readonly processed: number;
-    stop(): void;
-}
-/** Locates a playing video's newest frame again and again; pauses while the page is hidden. */
-export declare function follow(relocalizer: Relocalizer, video: HTMLVideoElement, options?: FollowOptions): Following;
 
 // ---- errors.d.ts
 
@@ -162,16 +238,218 @@ export declare function focalLength35mm(bytes: Uint8Array): number | null;
 /** Focal length in pixels of a picture of the given size. */
 export declare function focalPxFrom35mm(focal35mm: number, width: number, height: number): number;
 
+// ---- follow.d.ts
+
+import { type AnswerUse, type LostFrame, type TrackedFrame } from "./follower.js";
+import type { Relocalizer } from "./relocalizer.js";
+import type { MotionSensors } from "./sensors.js";
+import type { Include, Intrinsics, LocateResult } from "./types.js";
+/** The picture of one frame. */
+export interface FollowedFrame {
+    /** Of the video's picture, in pixels. */
+    readonly width: number;
+    readonly height: number;
+    /** The picture itself, until the next frame's result; anything that draws takes it. */
+    readonly source: CanvasImageSource;
+    /** Draws it, over the whole canvas when no place is given. */
+    draw(context: CanvasRenderingContext2D | OffscreenCanvasRenderingContext2D, x?: number, y?: number, width?: number, height?: number): void;
+    /** A copy that may be kept; close it after use. */
+    bitmap(): Promise<ImageBitmap>;
+}
+interface Pictured {
+    /** The picture that the position belongs to. */
+    frame: FollowedFrame;
+    /** Of the newest answer, scaled to the video's picture; absent before the first. */
+    intrinsics?: Intrinsics;
+    /** Milliseconds that this frame took on this thread. */
+    trackingMs: number;
+}
+/** Result of one frame; `located` tells the two kinds apart. */
+export type FollowResult = (TrackedFrame & Pictured & {
+    intrinsics: Intrinsics;
+}) | (LostFrame & Pictured);
+/** An answer of the relocalizer, with what became of it. */
+export interface FollowedAnswer {
+    result: LocateResult;
+    /** The located picture, until the event ends. */
+    frame: FollowedFrame;
+    use: AnswerUse;
+}
+export interface FollowEvents {
+    /** Every frame. */
+    result: CustomEvent<FollowResult>;
+    /** The first frame with a position after some without. */
+    found: CustomEvent<FollowResult>;
+    /** The first frame without one. */
+    lost: CustomEvent<FollowResult>;
+    /** What limits following has changed; `detail.limited` is absent when nothing does any more. */
+    limited: CustomEvent<FollowResult>;
+    /** An answer has changed the position: `detail.correction`. */
+    corrected: CustomEvent<FollowResult>;
+    /** Every answer of the relocalizer. */
+    answer: CustomEvent<FollowedAnswer>;
+    /** What went wrong; the same message once, not with every frame. */
+    error: CustomEvent<unknown>;
+}
+export interface FollowOptions {
+    intrinsics?: Intrinsics;
+    include?: readonly Include[];
+    camera?: string | (() => string);
+    /** Frames a second at most; fewer keep a phone cool. */
+    maxFps?: number;
+    /** Answers of the relocalizer a second at most. */
+    maxLocalizationsPerSecond?: number;
+    /** Milliseconds over which a correction fades in; 150 by default. */
+    blendMs?: number;
+    /** Helps through fast turns. */
+    sensors?: MotionSensors;
+    onResult?: (result: FollowResult) => void;
+    onAnswer?: (answer: FollowedAnswer) => void;
+    onError?: (error: unknown) => void;
+}
+/** A running loop. */
+export interface Following extends Omit<EventTarget, "addEventListener" | "removeEventListener"> {
+    /** Frames that were not looked at because the thread was busy or `maxFps` says so. */
+    readonly dropped: number;
+    /** Frames with a result. */
+    readonly processed: number;
+    /** Answers of the relocalizer. */
+    readonly answered: number;
+    stop(): void;
+    addEventListener<K extends keyof FollowEvents>(type: K, listener: (event: FollowEvents[K]) => void, options?: boolean | AddEventListenerOptions): void;
+    removeEventListener<K extends keyof FollowEvents>(type: K, listener: (event: FollowEvents[K]) => void, options?: boolean | EventListenerOptions): void;
+}
+/**
+ * Gives a position for every frame of a playing video, tracked between the answers of the relocalizer; pauses while the page is
+ * hidden. Tracking runs on this thread, so that the result comes in the very callback in which the frame is shown.
+ */
+export declare function follow(relocalizer: Relocalizer, video: HTMLVideoElement, options?: FollowOptions): Following;
+export {};
+
+// ---- follower.d.ts
+
+import type { CreateOptions, LocateResult, Placement } from "./types.js";
+export type FollowState = "searching" | "tracking" | "limited";
+/** Why following is limited. */
+export type FollowLimit = 
+/** The camera moves too fast. */
+"excessive-motion"
+/** Too little to see, or something is in front of the camera. */
+ | "insufficient-features"
+/** What was to be seen has left the picture. */
+ | "out-of-view"
+/** Lost; an answer of the relocalizer is waited for. */
+ | "relocalizing"
+/** The last answer is far from the tracked position; the next one has to confirm it. */
+ | "jump"
+/** No answer for a while: the position may have drifted. */
+ | "unconfirmed"
+/** The camera gives the same picture again and again. */
+ | "frozen"
+/** The time of the frame is not after that of the one before. */
+ | "clock"
+/** The size of the picture has changed. */
+ | "resized";
+/** Why a frame could not be tracked. */
+export type TrackLoss = "no-reference" | "no-frame" | "resized" | "out-of-view" | "few-found" | "disagreement";
+/** What an answer since the frame before has changed. */
+export interface Correction {
+    /** How far the picture of the world moves for it, root mean square in pixels of the frame. */
+    distancePx: number;
+    /** Whether it is made at once, in place of fading in. */
+    isJump: boolean;
+}
+interface TrackedCommon {
+    /** Number of the frame, counted from 0. */
+    index: number;
+    timestampMs: number;
+    state: FollowState;
+    /** Present when the state is `limited`. */
+    limited?: FollowLimit;
+    correction?: Correction;
+}
+/** A frame with a position. */
+export interface TrackedFrame extends TrackedCommon {
+    located: true;
+    /** `localization` in the very frame that the relocalizer answered for, `tracking` in all others. */
+    by: "localization" | "tracking";
+    /** For display: corrections fade in. */
+    placement: Placement;
+    /** What is believed, without fading. */
+    believed: Placement;
+    /** 6x6 row-major: rotation (rad, camera axes) then translation (scene units); of `believed`. */
+    covariance: Float64Array;
+    /** Frames and milliseconds since the one that was localised last. */
+    age: {
+        frames: number;
+        ms: number;
+    };
+    /** Looked for, found, agreeing. */
+    points: [number, number, number];
+    lines: [number, number, number];
+    medianErrorPx: number;
+}
+/** A frame without one. */
+export interface LostFrame extends TrackedCommon {
+    located: false;
+    /** Why the tracker found nothing; absent while there is nothing to track yet. */
+    loss?: TrackLoss;
+}
+export type FollowerResult = TrackedFrame | LostFrame;
+export interface FollowerOptions {
+    /** Milliseconds over which a correction fades in; 150 by default. */
+    blendMs?: number;
+}
+/** Pixels in memory, four bytes each. */
+export interface RgbaFrame {
+    data: Uint8Array | Uint8ClampedArray;
+    width: number;
+    height: number;
+}
+/** What became of an answer: followed, waiting for the next one to confirm it, or why it is of no use. */
+export type AnswerUse = "followed" | "unconfirmed" | TrackLoss;
+/** Turn of the camera since the frame before, row by row (camera now from camera before, OpenCV axes). */
+export type Turn = readonly number[] | Float64Array;
+/**
+ * Follows one camera. Hand in every frame with `track`, and for some of them what `locate` found, however late, with
+ * `localized`. `follow` does both for a playing video.
+ */
+export declare class Follower {
+    #private;
+    private constructor();
+    /** Makes one on this thread. The engine is compiled once for a page and its workers' scripts alike. */
+    static create(options?: FollowerOptions & Pick<CreateOptions, "wasm" | "fetch" | "signal">): Promise<Follower>;
+    /** Takes the next frame. A frame that cannot be tracked is a result, not an error. */
+    track(frame: RgbaFrame, timestampMs: number, turned?: Turn): FollowerResult;
+    /** Keeps a frame's picture, because it goes to the relocalizer. False when it is gone already. */
+    hold(index: number): boolean;
+    /**
+     * Takes what the relocalizer found in a frame; it needs `include: ["points", "lines"]`. `width` and `height` are those of the
+     * tracked frame, when another size was located.
+     */
+    localized(index: number, result: LocateResult, width?: number, height?: number): AnswerUse;
+    /** `cameraFromWorld` near that of the newest frame, for `prior` of `locate`. */
+    prior(): Float64Array | undefined;
+    /** Forgets where the camera was, as for another scene. */
+    reset(): void;
+    dispose(): void;
+}
+export {};
+
 // ---- index.d.ts
 
 /** landline: finds the camera of a picture in a taught place, on the device. */
 export { Relocalizer, packagedExtractorUrl, type StateEvent } from "./relocalizer.js";
 export { packagedWasmUrl } from "./init.js";
 export { LandlineError, type LandlineErrorCode } from "./errors.js";
-export { camera, follow, intrinsicsFromTrack, type Camera, type CameraOptions, type FollowOptions, type Following } from "./camera.js";
+export { camera, intrinsicsFromTrack, type Camera, type CameraOptions } from "./camera.js";
+export { follow, type FollowedAnswer, type FollowedFrame, type FollowEvents, type FollowOptions, type FollowResult, type Following } from "./follow.js";
+export { Follower, type AnswerUse, type Correction, type FollowLimit, type FollowState, type FollowerOptions, type FollowerResult, type LostFrame, type RgbaFrame, type TrackLoss, type TrackedFrame, type Turn } from "./follower.js";
+export { motionSensors, type MotionSensors } from "./sensors.js";
+export { drawInView, fromView, intrinsicsInView, project, projectionMatrix, toView, viewMap, type Fit, type View, type ViewMap } from "./view.js";
 export { checkSupport } from "./support.js";
 export { clearCache, isCached } from "./assets.js";
-export { invertRigid } from "./placement.js";
+export { invertRigid, placementFrom } from "./placement.js";
 export { focalLength35mm, focalPxFrom35mm } from "./exif.js";
 export type * from "./types.js";
 
@@ -218,6 +496,10 @@ export interface LocateRequest {
     include: readonly Include[];
     camera: string;
     tracking: boolean;
+    /** Empty, or a direction in the camera and its standard deviation. */
+    gravity: readonly number[];
+    /** Empty, or `cameraFromWorld`. */
+    prior: ArrayLike<number>;
     /** `performance.now()` plus its origin when `locate` was called. */
     calledAt: number;
 }
@@ -281,6 +563,7 @@ export type Reply = {
 
 // ---- relocalizer.d.ts
 
+import { Follower, type FollowerOptions } from "./follower.js";
 import type { MemoryUse } from "./protocol.js";
 import type { Backend, CreateOptions, FrameSource, LiveOptions, LocateOptions, LocateResult, SceneInfo } from "./types.js";
 /** Where the extractor's weights lie in this package. */
@@ -309,6 +592,8 @@ export declare class Relocalizer extends EventTarget {
     get idle(): boolean;
     /** Finds the camera of one frame. Frames are answered in the order of the calls. */
     locate(source: FrameSource, options?: LocateOptions): Promise<LocateResult>;
+    /** Follows one camera on the caller's thread, with the engine that was loaded already. */
+    follower(options?: FollowerOptions): Promise<Follower>;
     /** Changes options; those left out stay. */
     setOptions(options: LiveOptions): Promise<void>;
     /**
@@ -324,6 +609,36 @@ export declare class Relocalizer extends EventTarget {
     dispose(): Promise<void>;
     [Symbol.asyncDispose](): Promise<void>;
 }
+
+// ---- sensors.d.ts
+
+/** Gravity as `locate` takes it. */
+export interface CameraGravity {
+    /** Unit vector downwards in camera axes: x right, y down, z forward. */
+    x: number;
+    y: number;
+    z: number;
+    /** Standard deviation in radians. */
+    sigmaRad: number;
+}
+export interface MotionSensors {
+    /** Turn since the last call, row by row (camera now from camera before); `undefined` while no sensor speaks. */
+    turnSinceLastFrame(now: number): Float64Array | undefined;
+    /** `undefined` while no sensor speaks. */
+    gravity(): CameraGravity | undefined;
+    stop(): void;
+}
+/**
+ * Listens to the motion sensors. Call it from a tap: iOS asks the user then, and only then. Without sensors nothing is wrong: all
+ * readings are `undefined`, and tracking goes by the picture alone.
+ */
+export declare function motionSensors(): Promise<MotionSensors>;
+/** A vector of the device (x right, y up, z out of the screen, held naturally) in the axes of the rear camera. */
+export declare function cameraFromDevice([x, y, z]: readonly [number, number, number], angleDeg: number): [number, number, number];
+/** Downwards in device axes, from the angles of a DeviceOrientationEvent in degrees. */
+export declare function gravityFromAngles(beta: number, gamma: number): [number, number, number];
+/** Rotation matrix of a rotation vector, row by row (Rodrigues). */
+export declare function rotationFromVector([x, y, z]: readonly [number, number, number]): Float64Array;
 
 // ---- support.d.ts
 
@@ -468,16 +783,27 @@ export interface Timings {
  */
 export type Units = "metres" | "scene-units";
 /** What `locate` answers. `located` tells the two kinds apart. */
-export interface LocateResult {
-    located: boolean;
-    /** Of all lengths and positions in this result. */
-    units: Units;
-    /** Present when not located. */
-    reason?: NotLocatedReason;
-    /** Present when located. Smoothed when smoothing is on. */
-    placement?: Placement;
+export type LocateResult = LocatedResult | NotLocatedResult;
+/** An answer with a position. */
+export interface LocatedResult extends ResultCommon {
+    located: true;
+    reason?: undefined;
+    /** Smoothed when smoothing is on. */
+    placement: Placement;
     /** The same before smoothing; present only when smoothing is on. */
     unsmoothed?: Placement;
+}
+/** An answer without one. */
+export interface NotLocatedResult extends ResultCommon {
+    located: false;
+    reason: NotLocatedReason;
+    placement?: undefined;
+    unsmoothed?: undefined;
+}
+/** What both kinds of answer have. */
+export interface ResultCommon {
+    /** Of all lengths and positions in this result. */
+    units: Units;
     /** Size of the frame that the pixels of this result refer to. */
     frame: {
         width: number;
@@ -528,6 +854,15 @@ export interface LocateOptions {
     camera?: string;
     /** Treat the frame as the next one of a moving camera: last position as prior, smoothing, state. */
     tracking?: boolean;
+    /** A position that is probably near: a placement, or its `cameraFromWorld`. */
+    prior?: Placement | ArrayLike<number>;
+    /** Downwards in camera axes (x right, y down, z forward), as `motionSensors()` tells; used where the scene knows its own. */
+    gravity?: {
+        x: number;
+        y: number;
+        z: number; /** Standard deviation in radians; two degrees by default. */
+        sigmaRad?: number;
+    };
     /** Hand over `ImageBitmap`, `VideoFrame` or the buffer of raw pixels instead of copying: they are unusable afterwards. */
     transfer?: boolean;
     signal?: AbortSignal;
@@ -642,6 +977,50 @@ export interface Support {
     /** One sentence for everything that is missing. */
     reasons: string[];
 }
+
+// ---- view.d.ts
+
+/** From pixels of a frame to where they stand on the screen: cover, contain, mirrored, any canvas. */
+import type { Intrinsics, Placement } from "./types.js";
+/** How a frame fills its place; as CSS `object-fit`, centred. */
+export type Fit = "cover" | "contain" | "fill";
+/** Where a frame is shown. Sizes are in whatever unit positions are wanted in: CSS pixels, or those of the canvas. */
+export interface View {
+    width: number;
+    height: number;
+    /** `cover` by default. */
+    fit?: Fit;
+    /** Left and right change places, as for a camera that faces the user. */
+    mirrored?: boolean;
+}
+/** `x * scaleX + offsetX`, likewise y. */
+export interface ViewMap {
+    scaleX: number;
+    scaleY: number;
+    offsetX: number;
+    offsetY: number;
+}
+interface Size {
+    width: number;
+    height: number;
+}
+/** The map from pixels of a frame to positions in a view. */
+export declare function viewMap(frame: Size, view: View): ViewMap;
+/** Where a pixel of the frame stands in the view. */
+export declare function toView(map: ViewMap, [x, y]: readonly [number, number]): [number, number];
+/** Which pixel of the frame stands at a position of the view: for taps. */
+export declare function fromView(map: ViewMap, [x, y]: readonly [number, number]): [number, number];
+/** The pixel of the frame at which a world point is seen; `undefined` behind the camera. */
+export declare function project(placement: Placement, intrinsics: Intrinsics, world: ArrayLike<number>): [number, number] | undefined;
+/** Draws a frame into a view; what a canvas shows then is the picture that the positions belong to. */
+export declare function drawInView(context: CanvasRenderingContext2D | OffscreenCanvasRenderingContext2D, frame: Size & {
+    source: CanvasImageSource;
+}, view: View): ViewMap;
+/** Intrinsics of the view as a picture of its own; for one that is not mirrored. */
+export declare function intrinsicsInView(intrinsics: Intrinsics, view: View): Intrinsics;
+/** Column-major projection for WebGL whose picture covers exactly the frame, off-centre principal point included. */
+export declare function projectionMatrix(intrinsics: Intrinsics, near: number, far: number): Float64Array;
+export {};
 
 // ---- worker.d.ts
 

@@ -6,7 +6,7 @@ import { frameFailed, showEmpty } from "./loading.js";
 import { problem, sentence, status } from "./panels.js";
 import { intrinsicsFor } from "./playlist.js";
 import { haveEngine, markSource, state, stopSource } from "./session.js";
-import { showFrame } from "./stage.js";
+import { showAnswer, showFrame, showTracked } from "./stage.js";
 import { setPlaying } from "./strip.js";
 
 export async function startVideo(file) {
@@ -78,19 +78,52 @@ async function listCameras(opened) {
   $("camera-choice").hidden = devices.length < 2;
 }
 
+/** Until the first answer there is nothing to draw over the picture. */
+function showEmptyUntilAnswer({ state: following }) {
+  if (following === "searching") status("wait", "Searching", "Looking for the first position.");
+}
+
+/** How many frames a second have a position, and where the newest came from. */
+class Rate {
+  #times = [];
+
+  count(result) {
+    const now = performance.now();
+    this.#times = this.#times.filter((at) => now - at < 1000);
+    if (result.located) this.#times.push(now);
+  }
+
+  words(result) {
+    if (!result.located) return result.limited ? `no position: ${result.limited.replaceAll("-", " ")}` : "no position";
+    const from = result.by === "localization" ? "located" : `tracked from ${Math.round(result.age.ms)} ms ago`;
+    return `${this.#times.length} a second · ${from} · ${result.trackingMs.toFixed(1)} ms`;
+  }
+}
+
 function run(video, key, live) {
   const mine = ++state.run;
+  const rate = new Rate();
+  state.result = undefined;
   const following = follow(state.relocalizer, video, {
     camera: key,
     include: ["points", "lines", "segments"],
-    maxFps: Number($("max-fps").value),
+    maxLocalizationsPerSecond: Number($("max-fps").value),
     /** Read for each frame: the focal length may be typed at any time. */
     get intrinsics() {
       return Number($("focal").value) > 0 && video.videoWidth > 0 ? intrinsicsFor(undefined, video.videoWidth, video.videoHeight) : undefined;
     },
+    /** Every frame: its own picture, never another's. */
     onResult: (result) => {
       if (mine !== state.run) return;
-      showFrame(result, video, live.name, undefined, true);
+      rate.count(result);
+      if (state.result) showTracked(result, `${live.name ? `${live.name} · ` : ""}${rate.words(result)}`);
+      else showEmptyUntilAnswer(result);
+    },
+    /** Now and then: what the relocalizer found, in the picture that it was given. */
+    onAnswer: ({ result, frame }) => {
+      if (mine !== state.run) return;
+      if (state.result) showAnswer(result);
+      else showFrame(result, frame.source, live.name, undefined, true);
       if (live.camera) keepFocal(result, key());
     },
     onError: (error) => {

@@ -1,5 +1,5 @@
 /** One result on the page: the picture with its overlay, the numbers, the map. */
-import { invertRigid } from "landline";
+import { invertRigid, project } from "landline";
 import { $ } from "./dom.js";
 import { clearOverlay, drawOverlay } from "./overlay.js";
 import { showResult } from "./panels.js";
@@ -13,7 +13,7 @@ export const mapView = () => view;
 
 /** Shows a result; `error` is set where the true pose is known, `continuous` for the frames of one moving camera. */
 export function showFrame(result, picture, name, error, continuous) {
-  state.result = result;
+  state.result = state.answer = result;
   $("empty").hidden = true;
   const canvas = $("picture");
   const { width, height } = result.frame;
@@ -32,6 +32,53 @@ export function showFrame(result, picture, name, error, continuous) {
   $("copy-json").disabled = false;
   showCounts();
   if (view || result.placement) void withView(result, (v) => v.show(result, map, canvas, continuous));
+}
+
+/** What the relocalizer found in an earlier picture than the one that is shown: numbers and map, nothing is drawn over the picture. */
+export function showAnswer(result) {
+  state.answer = result;
+  map.add(result);
+  showResult(result);
+  showBackend(result);
+  $("copy-json").disabled = false;
+  showCounts();
+  if (view || result.placement) void withView(result, (v) => v.show(result, map, $("picture"), true));
+}
+
+/** A frame between answers: its own picture, and over it what the last answer saw, where this frame's position puts it. */
+export function showTracked(tracked, tag) {
+  const answer = state.answer ?? state.result;
+  const { frame } = tracked;
+  const canvas = $("picture");
+  if (canvas.width !== frame.width || canvas.height !== frame.height) {
+    [canvas.width, canvas.height] = [frame.width, frame.height];
+    $("stage-frame").style.aspectRatio = `${frame.width} / ${frame.height}`;
+  }
+  frame.draw(canvas.getContext("2d"));
+  const { placement, intrinsics = answer.intrinsics } = tracked;
+  const size = { width: frame.width, height: frame.height };
+  // Pixels of the answer belong to its own picture; world points can be put where they are now.
+  state.result = {
+    ...answer,
+    located: tracked.located,
+    frame: size,
+    intrinsics,
+    placement,
+    points: placement && answer.points ? seenNow(answer.points, placement, intrinsics) : undefined,
+    segments: undefined,
+  };
+  $("stage-tag").hidden = !tag;
+  $("stage-tag").textContent = tag;
+  redraw();
+}
+
+/** Agreeing points where a position puts them; what is behind the camera lies outside. */
+function seenNow(points, placement, intrinsics) {
+  const pixels = new Float32Array(points.pixels.length).fill(-99);
+  for (let i = 0; i < points.isInlier.length; i++) {
+    if (points.isInlier[i]) pixels.set(project(placement, intrinsics, points.world.subarray(3 * i, 3 * i + 3)) ?? [-99, -99], 2 * i);
+  }
+  return { ...points, pixels };
 }
 
 /** Draws the overlay again, with other layers or for another size of the page. */

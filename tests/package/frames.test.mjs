@@ -127,7 +127,7 @@ test("the focal length is solved, learned per camera, read from EXIF and from th
     const track = await new Promise((done, fail) => {
       const loop = follow(relocalizer, video, {
         camera: "track",
-        onResult: (result) => {
+        onAnswer: ({ result }) => {
           loop.stop();
           done(result);
         },

@@ -4,12 +4,14 @@
 //! whose layout `result` defines. Pixels are copied once, results once; no object is made per point.
 
 mod error;
+mod follow;
 mod gpu;
 mod relocalizer;
 mod result;
 
 use wasm_bindgen::prelude::wasm_bindgen;
 
+pub use follow::RawFollower;
 pub use relocalizer::RawRelocalizer;
 
 #[wasm_bindgen]

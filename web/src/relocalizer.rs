@@ -4,11 +4,13 @@ use crate::error::{Code, from_create, from_session, js_error};
 use crate::gpu;
 use crate::performance_now;
 use crate::result::encode;
-use landline::geometry::{Camera, CameraModel};
+use landline::geometry::{CamFromWorld, Camera, CameraModel};
 use landline::image::{FrameView, PixelFormat};
+use landline::pose::Gravity;
 use landline::relocalizer::{Begun, CameraSource, CreateError, LiveOptions, Observed, Relocalizer};
 use landline::scene_file::{ExtractorFile, SceneFile, TensorFile, Units};
 use landline::session::{Session, SessionQuery, Smoothing};
+use nalgebra::{Matrix3, Vector3};
 use serde::Deserialize;
 use wasm_bindgen::JsValue;
 use wasm_bindgen::prelude::wasm_bindgen;
@@ -100,6 +102,8 @@ struct OwnedQuery {
     camera_name: String,
     timestamp_ms: f64,
     tracking: bool,
+    gravity: Option<Gravity>,
+    prior: Option<CamFromWorld>,
 }
 
 impl OwnedQuery {
@@ -110,8 +114,8 @@ impl OwnedQuery {
             camera_name: &self.camera_name,
             timestamp_ms: self.timestamp_ms,
             tracking: self.tracking,
-            gravity: None,
-            prior: None,
+            gravity: self.gravity,
+            prior: self.prior,
         }
     }
 }
@@ -221,7 +225,8 @@ impl RawRelocalizer {
         self.frame.as_mut_ptr() as usize
     }
 
-    /// First step: takes the frame that was written into the buffer. `intrinsics` is empty or fx, fy, cx, cy.
+    /// First step: takes the frame that was written into the buffer. `intrinsics` is empty or fx, fy, cx, cy; `gravity` is
+    /// empty or a direction in the camera and its standard deviation in radians; `prior` is empty or 16 numbers, row-major.
     ///
     /// # Errors
     /// A JavaScript `Error` with a `code`.
@@ -240,6 +245,8 @@ impl RawRelocalizer {
         timestamp_ms: f64,
         camera_name: String,
         tracking: bool,
+        gravity: Vec<f64>,
+        prior: Vec<f64>,
     ) -> Result<(), JsValue> {
         self.begun = None;
         let format = match format {
@@ -285,6 +292,8 @@ impl RawRelocalizer {
             camera_name,
             timestamp_ms,
             tracking,
+            gravity: self.gravity(&gravity)?,
+            prior: pose_from(&prior)?,
         };
         let begun = self
             .session
@@ -382,6 +391,49 @@ impl RawRelocalizer {
     pub fn reset(&mut self) {
         self.session.reset();
     }
+}
+
+impl RawRelocalizer {
+    /// Gravity as the solver takes it; `None` where the scene does not know its own.
+    fn gravity(&self, numbers: &[f64]) -> Result<Option<Gravity>, JsValue> {
+        let in_world = self.session.relocalizer().scene_info().gravity;
+        match numbers {
+            [] => Ok(None),
+            &[x, y, z, sigma_rad] => {
+                let in_cam = Vector3::new(x, y, z);
+                if !(in_cam.norm() > 1e-6 && in_cam.norm().is_finite() && sigma_rad > 0.0) {
+                    let message =
+                        format!("gravity is ({x}, {y}, {z}), known to {sigma_rad} radians");
+                    return Err(js_error(Code::BadInput, &message));
+                }
+                Ok(in_world.map(|in_world| Gravity {
+                    in_cam,
+                    in_world,
+                    sigma_rad,
+                }))
+            }
+            _ => Err(js_error(
+                Code::BadInput,
+                "gravity takes three numbers and a deviation",
+            )),
+        }
+    }
+}
+
+/// A pose from its row-major matrix; `None` for an empty one.
+pub(crate) fn pose_from(m: &[f64]) -> Result<Option<CamFromWorld>, JsValue> {
+    if m.is_empty() {
+        return Ok(None);
+    }
+    let at = |r: usize, c: usize| m.get(4 * r + c).copied().unwrap_or(f64::NAN);
+    let rotation = Matrix3::from_fn(at);
+    let translation = Vector3::new(at(0, 3), at(1, 3), at(2, 3));
+    let off = (rotation * rotation.transpose() - Matrix3::identity()).amax();
+    if !(off < 1e-4 && rotation.determinant() > 0.0 && translation.norm().is_finite()) {
+        let message = format!("the given pose is no rigid transform: its rotation is off by {off}");
+        return Err(js_error(Code::BadInput, &message));
+    }
+    Ok(Some(CamFromWorld::new(rotation, translation)))
 }
 
 /// The `SceneInfo` of `web/ts/types.ts`, of a scene file and its bytes.

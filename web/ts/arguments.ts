@@ -62,6 +62,8 @@ const locate: Record<keyof LocateOptions, Check> = {
   include: (value) => (Array.isArray(value) && value.every((name) => !included(name)) ? undefined : "a list of points, lines or segments"),
   camera: kind("string"),
   tracking: kind("boolean"),
+  prior: object,
+  gravity: object,
   transfer: kind("boolean"),
   signal: object,
 };

@@ -1,7 +1,6 @@
-/** The device's camera, and a loop that always takes the newest frame. */
+/** The device's camera. */
 import { LandlineError } from "./errors.js";
-import type { Relocalizer } from "./relocalizer.js";
-import type { Include, Intrinsics, LocateResult } from "./types.js";
+import type { Intrinsics } from "./types.js";
 
 export interface CameraOptions {
   /** Ask for this device. Otherwise the one that looks away from the user. */
@@ -88,86 +87,5 @@ export function intrinsicsFromTrack(track: MediaStreamTrack | undefined): Intrin
     cy: Number(settings.principalPointY ?? settings.height / 2),
     width: settings.width,
     height: settings.height,
-  };
-}
-
-export interface FollowOptions {
-  intrinsics?: Intrinsics;
-  include?: readonly Include[];
-  camera?: string | (() => string);
-  /** Frames a second at most; fewer keep a phone cool. */
-  maxFps?: number;
-  onResult?: (result: LocateResult) => void;
-  onError?: (error: unknown) => void;
-}
-
-/** A running loop. */
-export interface Following {
-  /** Frames that came while an older one was being worked on; they were dropped. */
-  readonly dropped: number;
-  readonly processed: number;
-  stop(): void;
-}
-
-/** Locates a playing video's newest frame again and again; pauses while the page is hidden. */
-export function follow(relocalizer: Relocalizer, video: HTMLVideoElement, options: FollowOptions = {}): Following {
-  const interval = 1000 / (options.maxFps ?? 30);
-  let running = true;
-  let inFlight = 0;
-  let last = -Infinity;
-  const counts = { dropped: 0, processed: 0 };
-  let request = 0;
-
-  const step = async (now: number): Promise<void> => {
-    if (!running) return;
-    schedule();
-    if (document.hidden || video.videoWidth === 0) return;
-    // The GPU works on a frame while the pose of the one before is solved: two may be under way there.
-    if (inFlight >= (relocalizer.backend === "webgpu" ? 2 : 1)) {
-      counts.dropped += 1;
-      return;
-    }
-    if (now - last < interval) return;
-    inFlight += 1;
-    last = now;
-    try {
-      const name = typeof options.camera === "function" ? options.camera() : options.camera;
-      const track = video.srcObject instanceof MediaStream ? video.srcObject.getVideoTracks()[0] : undefined;
-      const { intrinsics: given } = options;
-      const intrinsics = given ?? intrinsicsFromTrack(track);
-      const result = await relocalizer.locate(video, {
-        tracking: true,
-        timestamp: performance.timeOrigin + now,
-        ...(intrinsics ? { intrinsics, intrinsicsSource: given ? "given" : "track" } : {}),
-        ...(name === undefined ? {} : { camera: name }),
-        ...(options.include ? { include: options.include } : {}),
-      });
-      counts.processed += 1;
-      if (running) options.onResult?.(result);
-    } catch (error) {
-      const fatal = error instanceof LandlineError && (error.code === "disposed" || error.code === "engine-defect");
-      if (fatal) stop();
-      if (!(error instanceof LandlineError && error.code === "disposed")) options.onError?.(error);
-    } finally {
-      inFlight -= 1;
-    }
-  };
-  const schedule = (): void => {
-    request = "requestVideoFrameCallback" in video ? video.requestVideoFrameCallback((now) => void step(now)) : requestAnimationFrame((now) => void step(now));
-  };
-  const stop = (): void => {
-    running = false;
-    if ("cancelVideoFrameCallback" in video) video.cancelVideoFrameCallback(request);
-    else cancelAnimationFrame(request);
-  };
-  schedule();
-  return {
-    get dropped() {
-      return counts.dropped;
-    },
-    get processed() {
-      return counts.processed;
-    },
-    stop,
   };
 }

@@ -1,7 +1,7 @@
 /** Reads the flat numbers that the engine writes. The layout is defined in web/src/result.rs. */
 import { LandlineError } from "./errors.js";
 import { placementFrom } from "./placement.js";
-import type { Backend, Include, IntrinsicsSource, LimitedReason, LocateResult, NotLocatedReason, TrackingState, Units } from "./types.js";
+import type { Backend, Include, IntrinsicsSource, LimitedReason, LocateResult, NotLocatedReason, ResultCommon, TrackingState, Units } from "./types.js";
 
 /** Must equal `LAYOUT_VERSION` in web/src/result.rs. */
 const layoutVersion = 1;
@@ -37,9 +37,7 @@ export function decodeResult(n: Float64Array, context: Context): LocateResult {
   if (at(0) !== layoutVersion) {
     throw new LandlineError("engine-version", `the engine speaks layout ${at(0)}, this script layout ${layoutVersion}`);
   }
-  const located = at(1) === 1;
-  const result: LocateResult = {
-    located,
+  const result: ResultCommon = {
     units: context.units,
     frame: { width: at(41), height: at(42) },
     timestampMs: context.timestampMs,
@@ -69,9 +67,8 @@ export function decodeResult(n: Float64Array, context: Context): LocateResult {
   };
   if (result.state === "limited") result.limited = named(limits, at(4), "limited reason");
   if (!Number.isNaN(at(44))) result.intrinsics.relativeSigma = at(44);
+  const located = at(1) === 1;
   if (located) {
-    result.placement = placementFrom(n.slice(5, 21));
-    if (!Number.isNaN(at(21))) result.unsmoothed = placementFrom(n.slice(21, 37));
     if (at(53) === 1) {
       const covariance = n.slice(54, 90);
       result.quality.covariance = covariance;
@@ -79,8 +76,6 @@ export function decodeResult(n: Float64Array, context: Context): LocateResult {
       result.quality.sigmaRotationRad = Math.sqrt(trace(0));
       result.quality.sigmaPosition = Math.sqrt(trace(3));
     }
-  } else {
-    result.reason = named(reasons, at(2), "reason");
   }
   let from = headerLength;
   const numPoints = at(97);
@@ -107,5 +102,7 @@ export function decodeResult(n: Float64Array, context: Context): LocateResult {
     result.lines = lines;
   }
   if (context.include.includes("segments")) result.segments = Float32Array.from(n.subarray(from, from + 4 * numSegments));
-  return result;
+  if (!located) return { ...result, located, reason: named(reasons, at(2), "reason") };
+  const unsmoothed = Number.isNaN(at(21)) ? {} : { unsmoothed: placementFrom(n.slice(21, 37)) };
+  return { ...result, located, placement: placementFrom(n.slice(5, 21)), ...unsmoothed };
 }

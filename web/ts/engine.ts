@@ -102,6 +102,8 @@ export class Engine {
         request.timestampMs,
         request.camera,
         request.tracking,
+        Float64Array.from(request.gravity),
+        Float64Array.from(request.prior),
       );
       return { request, transferMs };
     } catch (error) {

@@ -21,6 +21,10 @@ export interface LocateRequest {
   include: readonly Include[];
   camera: string;
   tracking: boolean;
+  /** Empty, or a direction in the camera and its standard deviation. */
+  gravity: readonly number[];
+  /** Empty, or `cameraFromWorld`. */
+  prior: ArrayLike<number>;
   /** `performance.now()` plus its origin when `locate` was called. */
   calledAt: number;
 }

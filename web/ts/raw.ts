@@ -1,8 +1,8 @@
 /** The only file that knows the generated bindings. */
 import { LandlineError } from "./errors.js";
-import init, { RawRelocalizer } from "./landline.js";
+import init, { RawFollower, RawRelocalizer } from "./landline.js";
 
-export { RawRelocalizer };
+export { RawFollower, RawRelocalizer };
 
 let memory: Promise<WebAssembly.Memory> | undefined;
 

@@ -3,6 +3,7 @@ import { checkCreateOptions, checkLiveOptions, checkLocateOptions, checkRecall }
 import { load, type Loaded } from "./assets.js";
 import { DirectChannel, WorkerChannel, type Channel } from "./channel.js";
 import { LandlineError } from "./errors.js";
+import { Follower, type FollowerOptions } from "./follower.js";
 import { intrinsicsForFrame, prepareFrame, sizeOf } from "./frames.js";
 import { loadEngine } from "./init.js";
 import type { Created, LocateRequest, MemoryUse, WireFrame } from "./protocol.js";
@@ -32,11 +33,13 @@ export class Relocalizer extends EventTarget {
   #backendReason: string;
   #state: LocateResult["state"] = "searching";
   #disposed = false;
+  readonly #module: WebAssembly.Module;
   #inFlight = 0;
 
-  private constructor(channel: Channel, toThread: boolean, scene: SceneInfo, backend: Backend, backendReason: string) {
+  private constructor(channel: Channel, module: WebAssembly.Module, toThread: boolean, scene: SceneInfo, backend: Backend, backendReason: string) {
     super();
     this.#channel = channel;
+    this.#module = module;
     this.#toThread = toThread;
     this.scene = scene;
     this.#backend = backend;
@@ -91,7 +94,7 @@ export class Relocalizer extends EventTarget {
         signal?.throwIfAborted();
         await Promise.all([extractor.keep(), scene.keep()]);
         onProgress?.({ status: "ready", backend: created.backend, backendReason: created.backendReason });
-        return new Relocalizer(channel, useWorker, created.scene, created.backend, created.backendReason);
+        return new Relocalizer(channel, module, useWorker, created.scene, created.backend, created.backendReason);
       } catch (error) {
         channel.close();
         signal?.throwIfAborted();
@@ -146,6 +149,8 @@ export class Relocalizer extends EventTarget {
             include: options.include ?? [],
             camera: options.camera ?? "",
             tracking: options.tracking ?? false,
+            gravity: gravityOf(options.gravity),
+            prior: priorOf(options.prior),
             calledAt,
           },
           prepared.transfer,
@@ -162,6 +167,12 @@ export class Relocalizer extends EventTarget {
     } finally {
       this.#inFlight -= 1;
     }
+  }
+
+  /** Follows one camera on the caller's thread, with the engine that was loaded already. */
+  follower(options: FollowerOptions = {}): Promise<Follower> {
+    this.#check();
+    return Follower.create({ ...options, wasm: this.#module });
   }
 
   /** Changes options; those left out stay. */
@@ -218,6 +229,24 @@ export class Relocalizer extends EventTarget {
       this.dispatchEvent(new CustomEvent(result.state, { detail: result }));
     }
   }
+}
+
+/** As the engine takes it. */
+function gravityOf(gravity: LocateOptions["gravity"]): number[] {
+  if (!gravity) return [];
+  const { x, y, z, sigmaRad = 0.035 } = gravity;
+  if (!(Math.hypot(x, y, z) > 1e-6) || !(sigmaRad > 0) || ![x, y, z, sigmaRad].every(Number.isFinite)) {
+    throw new LandlineError("bad-input", `gravity is (${x}, ${y}, ${z}) with a deviation of ${sigmaRad}`, "Pass a direction in camera axes and a positive deviation in radians.");
+  }
+  return [x, y, z, sigmaRad];
+}
+
+/** As the engine takes it. */
+function priorOf(prior: LocateOptions["prior"]): ArrayLike<number> {
+  if (!prior) return [];
+  const m = "cameraFromWorld" in prior ? prior.cameraFromWorld : prior;
+  if (m.length !== 16) throw new LandlineError("bad-input", `the prior has ${m.length} numbers`, "Pass a placement, or the 16 numbers of its cameraFromWorld.");
+  return m;
 }
 
 /** Intrinsics for the frame at hand: those passed, else those of its EXIF block, else none. */

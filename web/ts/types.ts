@@ -148,16 +148,30 @@ export interface Timings {
 export type Units = "metres" | "scene-units";
 
 /** What `locate` answers. `located` tells the two kinds apart. */
-export interface LocateResult {
-  located: boolean;
-  /** Of all lengths and positions in this result. */
-  units: Units;
-  /** Present when not located. */
-  reason?: NotLocatedReason;
-  /** Present when located. Smoothed when smoothing is on. */
-  placement?: Placement;
+export type LocateResult = LocatedResult | NotLocatedResult;
+
+/** An answer with a position. */
+export interface LocatedResult extends ResultCommon {
+  located: true;
+  reason?: undefined;
+  /** Smoothed when smoothing is on. */
+  placement: Placement;
   /** The same before smoothing; present only when smoothing is on. */
   unsmoothed?: Placement;
+}
+
+/** An answer without one. */
+export interface NotLocatedResult extends ResultCommon {
+  located: false;
+  reason: NotLocatedReason;
+  placement?: undefined;
+  unsmoothed?: undefined;
+}
+
+/** What both kinds of answer have. */
+export interface ResultCommon {
+  /** Of all lengths and positions in this result. */
+  units: Units;
   /** Size of the frame that the pixels of this result refer to. */
   frame: { width: number; height: number };
   /** The frame's time as passed in, else the time of the call. */
@@ -203,6 +217,10 @@ export interface LocateOptions {
   camera?: string;
   /** Treat the frame as the next one of a moving camera: last position as prior, smoothing, state. */
   tracking?: boolean;
+  /** A position that is probably near: a placement, or its `cameraFromWorld`. */
+  prior?: Placement | ArrayLike<number>;
+  /** Downwards in camera axes (x right, y down, z forward), as `motionSensors()` tells; used where the scene knows its own. */
+  gravity?: { x: number; y: number; z: number; /** Standard deviation in radians; two degrees by default. */ sigmaRad?: number };
   /** Hand over `ImageBitmap`, `VideoFrame` or the buffer of raw pixels instead of copying: they are unusable afterwards. */
   transfer?: boolean;
   signal?: AbortSignal;

@@ -82,8 +82,6 @@ fn main() -> Result<()> {
         })
         .collect();
     let origin = Origin {
-        units: Units::Metres,
-        gravity: Some(GRAVITY),
         source: format!(
             "rendered room, seed {}, {} pictures",
             args.room_seed, args.walk
@@ -98,6 +96,8 @@ fn main() -> Result<()> {
         &LabelParams::default(),
         &Progress::Terminal,
     )?;
+    labels.map.units = Units::Metres;
+    labels.map.gravity = Some(GRAVITY);
     print!("{stats}");
     println!("{}", make_exact(&room, &mut labels));
     let mut scene = trained_scene(&labels, &request, &training, &mut Terminal)?;

@@ -7,6 +7,7 @@ mod pixel;
 mod scene_scale;
 mod segment;
 mod spaces;
+mod units;
 
 pub use camera::{Camera, CameraError, CameraModel, CameraRecord, ColmapModel};
 pub use pixel::{Pixel, PixelMap, Sensor, Working, WorkingFromSensor};
@@ -15,3 +16,4 @@ pub use segment::{ScenePoint, SceneSegment, Segment2};
 pub use spaces::{
     Cam, CamFromWorld, Rigid, World, WorldFromCam, rotation_from_vector, vector_from_rotation,
 };
+pub use units::Units;

@@ -3,6 +3,7 @@
 use super::lines::runs_against;
 use super::{PosedView, View};
 use crate::features::FeatureSet;
+use crate::geometry::Units;
 use nalgebra::Vector3;
 
 /// A feature of a view that sees a track.
@@ -105,6 +106,10 @@ pub struct Reconstruction {
     pub points: Vec<PointTrack>,
     /// 3D segments.
     pub lines: Vec<LineTrack>,
+    /// Unit of the world's lengths.
+    pub units: Units,
+    /// Direction of gravity in the world, a unit vector, if known.
+    pub gravity: Option<Vector3<f64>>,
 }
 
 impl Reconstruction {

@@ -1,47 +1,12 @@
 //! Metadata of a scene file.
 
 use super::{KIND_KEY, SceneFileError, TensorFile, Timestamp};
-use crate::geometry::{Camera, CameraRecord, SceneScale};
+use crate::geometry::{Camera, CameraRecord, SceneScale, Units};
 use crate::math::stats::median_in_place;
 use crate::models::{ExtractorKind, Preset, RegressorConfig, Sampler};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-
-/// Unit of world lengths.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Units {
-    /// Metres: the data set's format defines them, or the user said so.
-    Metres,
-    /// Unknown, as in a reconstruction without a known distance.
-    #[default]
-    Arbitrary,
-}
-
-impl Units {
-    /// The word in files and on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Metres => "m",
-            Self::Arbitrary => "arbitrary",
-        }
-    }
-
-    /// The unit of that [name](Self::name).
-    pub fn from_name(name: &str) -> Option<Self> {
-        [Self::Metres, Self::Arbitrary]
-            .into_iter()
-            .find(|units| units.name() == name)
-    }
-
-    /// What stands behind a length for people.
-    pub fn symbol(self) -> &'static str {
-        match self {
-            Self::Metres => "m",
-            Self::Arbitrary => "units",
-        }
-    }
-}
 
 /// Accuracy on pictures that were not trained on.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]

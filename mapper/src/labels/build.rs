@@ -105,7 +105,8 @@ pub struct LabelStats {
     pub mean_line_error_px: f64,
 }
 
-/// Builds labels for posed pictures; `features` in the same order.
+/// Builds labels for posed pictures; `features` in the same order. What the world's lengths and directions mean is for the caller
+/// to say.
 ///
 /// # Errors
 /// With fewer than two pictures, or when nothing can be triangulated.
@@ -164,6 +165,7 @@ pub fn build_from(
         views,
         points,
         lines,
+        ..Reconstruction::default()
     };
     stats.count(&map);
     let labels = Labels {

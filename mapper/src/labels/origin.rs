@@ -1,10 +1,9 @@
-//! Where labels are from: what a scene file has to say that training does not find out.
+//! Where labels are from: what a scene file has to say that neither the map nor training know.
 
 use landline::models::ExtractorKind;
-use landline::scene_file::{ExtractorFile, Units};
-use nalgebra::Vector3;
+use landline::scene_file::ExtractorFile;
 
-/// What made the features of labels, and what the lengths and directions of their world mean.
+/// What made the features of labels, and of which pictures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Origin {
     /// The extractor.
@@ -13,10 +12,6 @@ pub struct Origin {
     pub extractor_sha256: String,
     /// Longest side of the working image that the features were taken from, pixels.
     pub working_max_side: u32,
-    /// Unit of world lengths.
-    pub units: Units,
-    /// Direction of gravity in the world, a unit vector, if known.
-    pub gravity: Option<Vector3<f64>>,
     /// Which pictures, in words.
     pub source: String,
 }
@@ -28,22 +23,18 @@ impl Default for Origin {
             extractor: ExtractorKind::Xfeat,
             extractor_sha256: String::new(),
             working_max_side: 640,
-            units: Units::Arbitrary,
-            gravity: None,
             source: String::new(),
         }
     }
 }
 
 impl Origin {
-    /// Features of an extractor, in a world of which nothing is known.
+    /// Features of an extractor.
     pub fn of_extractor(extractor: &ExtractorFile, working_max_side: u32) -> Self {
         Self {
             extractor: extractor.kind,
             extractor_sha256: extractor.source_sha256.clone(),
             working_max_side,
-            units: Units::Arbitrary,
-            gravity: None,
             source: String::new(),
         }
     }

@@ -249,6 +249,7 @@ mod tests {
                         vec![segment(10.0, 20.0, 60.0, 20.0)],
                     ),
                 }],
+                ..Reconstruction::default()
             },
             ..Labels::default()
         };

@@ -155,14 +155,12 @@ pub fn labels(
         seconds: start.elapsed().as_secs_f64(),
     });
     let origin = Origin {
-        units: dataset.units,
-        gravity: dataset.gravity,
         source: format!("{num_posed} pictures, {}", dataset.format),
         ..Origin::of_extractor(extraction.extractor(), extraction.options().max_side as u32)
     };
     let imported = Imported::new(dataset, &positions, model_points)?;
     let start = Instant::now();
-    let made = build_from(
+    let mut made = build_from(
         &chosen,
         features,
         origin,
@@ -170,6 +168,8 @@ pub fn labels(
         &LabelParams::default(),
         &progress,
     )?;
+    made.0.map.units = dataset.units;
+    made.0.map.gravity = dataset.gravity;
     observer.happened(&Event::Labels {
         stats: &made.1,
         seconds: start.elapsed().as_secs_f64(),

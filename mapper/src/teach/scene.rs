@@ -134,7 +134,7 @@ pub fn measure_landmarks(
     };
     observer.happened(&Event::Untrained {
         held_out: &held_out,
-        units: labels.origin.units,
+        units: labels.map.units,
     });
     Ok(Some(Measured {
         held_out,
@@ -186,8 +186,8 @@ fn scene(networks: Networks, labels: &Labels, request: &SceneRequest) -> SceneFi
     let info = SceneInfo {
         preset: Some(networks.preset),
         scale: networks.scale,
-        units: origin.units,
-        gravity: origin.gravity,
+        units: labels.map.units,
+        gravity: labels.map.gravity,
         working_max_side: origin.working_max_side,
         camera: labels.map.views.first().map(|v| v.camera),
         training: Some(TrainingSummary {
@@ -302,7 +302,7 @@ pub fn trained_scene(
     )?;
     observer.happened(&Event::Trained {
         trained: &trained,
-        units: labels.origin.units,
+        units: labels.map.units,
     });
     let mut weights = Weights::new();
     for (spec, values) in &trained.tensors {

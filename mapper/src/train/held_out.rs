@@ -76,7 +76,7 @@ pub fn judge(
         .map(|e| e.map(|e| (e.position, e.rotation_deg)))
         .collect();
     Some(Judgement {
-        poses: HeldOut::of(&pairs, labels.origin.units),
+        poses: HeldOut::of(&pairs, labels.map.units),
         share_within_6px: share(errors.iter().filter(|e| **e <= 6.0).count(), errors.len()),
         median_scene: median(distances),
         median_px: median(errors),

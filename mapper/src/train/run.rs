@@ -290,7 +290,7 @@ pub fn train(
                 files::write_bytes(&folder.join("log.csv"), log.as_bytes())
                     .map_err(folder_error)?;
                 let curves =
-                    curves::plot(&log, &Ruler::of(labels.origin.units)).map_err(folder_error)?;
+                    curves::plot(&log, &Ruler::of(labels.map.units)).map_err(folder_error)?;
                 files::write_bytes(&folder.join("curves.svg"), curves.as_bytes())
                     .map_err(folder_error)?;
                 checkpoint::write(&checkpoint_path, &sessions, seconds()).map_err(folder_error)?;
@@ -348,7 +348,7 @@ fn taught<'a>(
 }
 
 fn message(mean: &StepReport, session: &Session, labels: &Labels) -> String {
-    let ruler = Ruler::of(labels.origin.units);
+    let ruler = Ruler::of(labels.map.units);
     let held_out = session.best.as_ref().map_or(String::new(), |best| {
         format!("  best held-out pose {}", ruler.text(best.score))
     });

@@ -52,10 +52,10 @@ pub(crate) fn labels(num_images: usize) -> Labels {
     let mut labels = Labels {
         origin: Origin {
             extractor_sha256: "0".repeat(64),
-            units: Units::Metres,
             ..Origin::default()
         },
         map: Reconstruction {
+            units: Units::Metres,
             points: (0..NUM_POINTS - 1)
                 .map(|i| PointTrack {
                     descriptor: point_keys[i].clone(),

@@ -135,6 +135,8 @@ mod tests {
             neg_log10_nfa: 7.5,
         };
         let map = Reconstruction {
+            units: Units::Metres,
+            gravity: Some(Vector3::new(0.0, -1.0, 0.0)),
             points: vec![PointTrack {
                 point_in_world: Vector3::new(1.0, 2.0, 3.0),
                 observations: vec![Observation::new(0, 1), Observation::new(1, 0)],
@@ -188,8 +190,6 @@ mod tests {
                 extractor: ExtractorKind::Xfeat,
                 extractor_sha256: "ab".repeat(32),
                 working_max_side: 640,
-                units: Units::Metres,
-                gravity: Some(Vector3::new(0.0, -1.0, 0.0)),
                 source: "two pictures".to_owned(),
             },
             map,

@@ -48,16 +48,23 @@ impl Labels {
             .get("labels")
             .ok_or_else(|| content("its header has no entry `labels`".to_owned()))
             .and_then(|json| serde_json::from_str(json).map_err(|e| content(e.to_string())))?;
-        let origin = origin(&header).map_err(|(field, found, expected)| LabelFileError::Value {
+        let value = |(field, found, expected)| LabelFileError::Value {
             path: path.to_owned(),
             field,
             found,
             expected,
-        })?;
+        };
+        let origin = origin(&header).map_err(value)?;
+        let (units, gravity) = world(&header).map_err(value)?;
         let file = SafeTensors::deserialize(&bytes).map_err(container)?;
         let labels = Columns { file: &file }.labels(header);
         labels
-            .map(|labels| Self { origin, ..labels })
+            .map(|mut labels| {
+                labels.origin = origin;
+                labels.map.units = units;
+                labels.map.gravity = gravity;
+                labels
+            })
             .map_err(content)
     }
 
@@ -104,22 +111,26 @@ fn origin(header: &Header) -> Result<Origin, (&'static str, String, &'static str
         let found = header.working_max_side.to_string();
         return Err(("working_max_side", found, "expected 16 to 8192 pixels"));
     }
+    Ok(Origin {
+        extractor,
+        extractor_sha256: sha256.clone(),
+        working_max_side: header.working_max_side,
+        source: header.source.clone(),
+    })
+}
+
+/// What a header says of its world: unit of lengths, direction of gravity; or which field holds what in place of what.
+fn world(
+    header: &Header,
+) -> Result<(Units, Option<Vector3<f64>>), (&'static str, String, &'static str)> {
     let units = Units::from_name(&header.units)
         .ok_or_else(|| ("units", header.units.clone(), "expected `m` or `arbitrary`"))?;
-    let gravity = header.gravity.map(Vector3::from);
     if let Some(g) = header.gravity
         && (Vector3::from(g).norm() - 1.0).abs() > 1e-3
     {
         return Err(("gravity", format!("{g:?}"), "must be a unit vector"));
     }
-    Ok(Origin {
-        extractor,
-        extractor_sha256: sha256.clone(),
-        working_max_side: header.working_max_side,
-        units,
-        gravity,
-        source: header.source.clone(),
-    })
+    Ok((units, header.gravity.map(Vector3::from)))
 }
 
 struct Columns<'a> {
@@ -239,6 +250,7 @@ impl<'a> Columns<'a> {
             points: self.points(d, &views)?,
             lines: self.lines(d, &views)?,
             views,
+            ..Reconstruction::default()
         };
         Ok(Labels {
             origin: Origin::default(),

@@ -6,6 +6,7 @@ mod demo;
 mod files;
 mod paths;
 mod pins;
+mod rooms;
 mod serve;
 mod setup;
 mod shell;
@@ -32,6 +33,7 @@ enum Command {
     Bench(bench::Args),
     Ci(ci::Args),
     Demo(demo::Args),
+    Rooms(rooms::Args),
     Sample(demo::SampleArgs),
     Serve(serve::Args),
     Setup(setup::Args),
@@ -46,6 +48,7 @@ fn run(command: Command) -> Result<()> {
         Command::Bench(args) => bench::run(&args),
         Command::Ci(args) => ci::run(&args),
         Command::Demo(args) => demo::run(&args),
+        Command::Rooms(args) => rooms::run(&args),
         Command::Sample(args) => demo::sample(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Setup(args) => setup::run(&args),

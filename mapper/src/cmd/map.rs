@@ -27,6 +27,9 @@ pub struct Args {
     /// The scene file to write.
     #[arg(long, short)]
     out: PathBuf,
+    /// Write the labels too, as `landline labels` does.
+    #[arg(long, value_name = "FILE")]
+    labels: Option<PathBuf>,
     #[command(flatten)]
     scene: SceneArgs,
     /// When networks are trained; options of training ask for it too.
@@ -69,6 +72,10 @@ pub fn run(args: Args) -> Result<()> {
     };
     let taught = teach(&request, &mut Terminal)
         .with_context(|| format!("teaching {}", args.out.display()))?;
+    if let Some(path) = &args.labels {
+        let labels = taught.labels.write(path);
+        labels.with_context(|| format!("writing labels to {}", path.display()))?;
+    }
     let bytes = taught.scene.to_bytes(precision)?;
     files::write_bytes(&args.out, &bytes)?;
     println!("wrote {} ({} bytes)", args.out.display(), bytes.len());

@@ -3,7 +3,7 @@
 use super::rust;
 use crate::{paths, shell};
 use anyhow::{Result, bail};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 static TESTS_HAVE_RUN: AtomicBool = AtomicBool::new(false);
@@ -25,27 +25,52 @@ pub(crate) fn tests_have_run() -> bool {
 ///
 /// When it does not build.
 pub(crate) fn tool() -> Result<PathBuf> {
-    if let Some(tool) = std::env::var_os("LANDLINE_NATIVE") {
-        return Ok(paths::root().join(tool));
+    if let Some(tool) = named() {
+        return Ok(tool);
     }
-    rust::toolchain()?;
-    let tool = paths::target()
-        .join("debug")
-        .join(format!("landline{}", std::env::consts::EXE_SUFFIX));
+    let tool = built("debug");
     // The native tests build it too, with training; building it again without would only cost time.
     if tests_have_run() && tool.is_file() {
         return Ok(tool);
     }
+    build(&tool, &[])
+}
+
+/// As [`tool`], built for speed.
+///
+/// # Errors
+///
+/// When it does not build.
+pub(crate) fn fast_tool() -> Result<PathBuf> {
+    match named() {
+        Some(tool) => Ok(tool),
+        None => build(&built("release"), &["--release"]),
+    }
+}
+
+fn named() -> Option<PathBuf> {
+    std::env::var_os("LANDLINE_NATIVE").map(|tool| paths::root().join(tool))
+}
+
+fn built(profile: &str) -> PathBuf {
+    let name = format!("landline{}", std::env::consts::EXE_SUFFIX);
+    paths::target().join(profile).join(name)
+}
+
+fn build(tool: &Path, profile: &[&str]) -> Result<PathBuf> {
+    rust::toolchain()?;
     println!("native  cargo builds landline (without training)");
-    shell::run(shell::cargo().args([
+    let mut cargo = shell::cargo();
+    cargo.args([
         "build",
         "--quiet",
         "--package",
         "landline-mapper",
         "--no-default-features",
-    ]))?;
+    ]);
+    shell::run(cargo.args(profile))?;
     if !tool.is_file() {
         bail!("cargo left no {}", tool.display());
     }
-    Ok(tool)
+    Ok(tool.to_owned())
 }

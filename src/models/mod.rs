@@ -1,11 +1,11 @@
-//! The only place where an architecture is written: configurations, tensor names and shapes, and graphs.
+//! Configurations, tensor names and shapes, and graphs of all networks.
 //!
 //! * **In and out**: a configuration goes in; the list of tensors that a file holds, and a [`crate::nn::Graph`] with the
 //!   step that turns those tensors into the graph's weights, come out.
 //! * **Spaces and units**: descriptors are unit vectors; coordinates are normalised scene coordinates (centre and scale are
 //!   undone in `regress`); pixels do not occur.
-//! * **Method**: the branches are those of [plmap2025] (`proposed`), of PL2Map [pl2map2025] (`v1`), and branches anchored on learned landmarks (`compact`). The extractors are XFeat and
-//!   SuperPoint. What is stored is what is trained; exact simplifications (folded biases and merges, the one-query line
+//! * **Method**: the branches are those of [plmap2025] (`proposed`), of PL2Map [pl2map2025] (`v1`), and branches anchored on
+//!   landmarks (`compact`), which need no training ([`landmarks`]). The extractors are XFeat and SuperPoint. What is stored is what is trained; exact simplifications (folded biases and merges, the one-query line
 //!   encoder) happen when weights are prepared for a graph, and tests hold them equal to the long form.
 //! * **Invariants**: the trainer builds from the same configuration and the same [`TensorSpec`] list.
 //! * **Cost**: `prepare` copies the weights once.

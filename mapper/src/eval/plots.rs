@@ -22,7 +22,7 @@ fn color(method: usize) -> RGBColor {
     COLORS[method.min(COLORS.len() - 1)]
 }
 
-/// Which of the four colours a column has: a scene without lines has its variant and the baseline only.
+/// Which of the four colours a column has: a scene without lines has its own row and the baseline only.
 fn color_of_column(evaluation: &Evaluation, column: usize) -> RGBColor {
     let is_baseline = evaluation.methods[column].0.starts_with("nearest");
     color(if is_baseline {

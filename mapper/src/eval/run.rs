@@ -149,12 +149,12 @@ pub struct Evaluation {
     pub units: Units,
 }
 
-/// Names of the scene's own variants, in the order of [`ImageResult::methods`]. The last is there where the scene has landmarks.
-const VARIANTS: [&str; 4] = ["points + lines", "points only", "lines only", FIRST_POSE];
+/// Names of the scene's own methods, in the order of [`ImageResult::methods`]. The last is there where the scene has landmarks.
+const METHODS: [&str; 4] = ["points + lines", "points only", "lines only", FIRST_POSE];
 const FIRST_POSE: &str = "first pose";
 
-/// How a variant changes the options.
-fn variant(name: &str, live: LiveOptions) -> LiveOptions {
+/// How a method changes the options.
+fn of_method(name: &str, live: LiveOptions) -> LiveOptions {
     let all = live;
     match name {
         "points only" => LiveOptions {
@@ -211,7 +211,7 @@ impl<'a> Evaluator<'a> {
             done(&result);
             results.push(result);
         }
-        // Without lines the variants say nothing.
+        // Without lines the other methods say nothing.
         if !has_lines {
             for result in &mut results {
                 let methods = std::iter::once(&mut result.methods);
@@ -221,7 +221,7 @@ impl<'a> Evaluator<'a> {
             }
         }
         let mut names = if has_lines {
-            VARIANTS[..3].iter().map(|n| (*n).to_owned()).collect()
+            METHODS[..3].iter().map(|n| (*n).to_owned()).collect()
         } else {
             vec!["scene".to_owned()]
         };
@@ -264,7 +264,7 @@ impl<'a> Evaluator<'a> {
             .collect();
         let comparison = match errors.as_slice() {
             [both, points, _, ..] if has_lines => {
-                Some(Comparison::new((VARIANTS[0], both), (VARIANTS[1], points)))
+                Some(Comparison::new((METHODS[0], both), (METHODS[1], points)))
             }
             _ => None,
         };
@@ -324,7 +324,7 @@ impl<'a> Evaluator<'a> {
             .map_err(located)?;
         let cam_from_world = report.outcome.located().map(|l| l.cam_from_world);
         let live = self.relocalizer.options().live;
-        let num_variants = VARIANTS.len() - usize::from(!self.relocalizer.has_landmarks());
+        let num_methods = METHODS.len() - usize::from(!self.relocalizer.has_landmarks());
         let mut methods = vec![method_result(&report, &truth)];
         let mut predicted: Vec<(LineCorrespondence, bool)> = self.relocalizer.lines().collect();
         *has_lines |= !predicted.is_empty();
@@ -333,9 +333,9 @@ impl<'a> Evaluator<'a> {
         let options = solver_options(&options.live.pose, max_side, frame.width, frame.height);
         let mut other_seeds = Vec::new();
         for seed in 0..self.options.num_seeds {
-            let mut of_seed = Vec::with_capacity(VARIANTS.len() + 1);
-            for name in &VARIANTS[usize::from(seed == 0)..num_variants] {
-                let mut changed = variant(name, live);
+            let mut of_seed = Vec::with_capacity(METHODS.len() + 1);
+            for name in &METHODS[usize::from(seed == 0)..num_methods] {
+                let mut changed = of_method(name, live);
                 changed.pose.seed = live.pose.seed.wrapping_add(seed);
                 self.relocalizer
                     .set_live(changed)

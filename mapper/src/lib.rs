@@ -18,6 +18,7 @@ pub mod picture;
 mod plot;
 pub mod progress;
 pub mod replay;
+pub mod run_lock;
 pub mod scene;
 pub mod shown;
 pub mod teach;

@@ -4,6 +4,7 @@ use crate::args::{SceneArgs, TeachingArgs};
 use crate::dataset::open;
 use crate::extract::Extraction;
 use crate::files;
+use crate::run_lock::RunLock;
 use crate::teach::{Request, teach};
 use crate::terminal::Terminal;
 #[cfg(feature = "train")]
@@ -54,11 +55,13 @@ pub fn run(args: Args) -> Result<()> {
     let scene = args.scene.request()?;
     #[cfg(feature = "train")]
     let training = args.training()?;
+    let folder = args.scene.run_folder(&args.out);
+    let _held = RunLock::hold(&folder)?;
     let dataset = open(&args.teaching.data)?;
     print!("{}", dataset.table());
     let extractor = args.teaching.extractor.read()?;
     let options = FrontEndOptions::new(extractor.kind);
-    let own_cache = args.scene.run_folder(&args.out).join("features");
+    let own_cache = folder.join("features");
     let cache = args.teaching.features.as_deref().unwrap_or(&own_cache);
     let extraction = Extraction::new(extractor, options, Some(cache));
     let precision = scene.precision;

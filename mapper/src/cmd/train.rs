@@ -3,6 +3,7 @@
 use crate::args::{SceneArgs, TrainingArgs};
 use crate::files;
 use crate::labels::Labels;
+use crate::run_lock::RunLock;
 use crate::teach::{When, add_landmarks, trained_scene};
 use crate::terminal::Terminal;
 use crate::weights::load_extractor;
@@ -34,6 +35,7 @@ pub fn run(args: Args) -> Result<()> {
     // Before anything expensive happens.
     let request = args.scene.request()?;
     let folder = args.scene.run_folder(&args.out);
+    let _held = RunLock::hold(&folder)?;
     let training = args.training.training(When::Always, &args.scene, folder)?;
     let extractor = load_extractor(&args.extractor)?;
     let labels = Labels::read_for(&args.labels, extractor.kind, &extractor.source_sha256)?;

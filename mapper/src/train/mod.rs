@@ -12,6 +12,7 @@ pub mod buffer;
 pub mod checkpoint;
 pub mod curves;
 pub mod held_out;
+mod identity;
 pub mod init;
 pub mod loss;
 pub mod net;

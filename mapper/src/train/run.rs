@@ -1,10 +1,12 @@
 //! A whole training run: both branches, a run folder with options, log, curves and checkpoints, a progress bar.
 //!
 //! The folder holds `options.json` (written first), `log.csv`, `curves.svg` and `checkpoint.safetensors`. A run that was
-//! interrupted goes on from its checkpoint with `resume`, and ends with the same tensors as one that was not.
+//! interrupted goes on from its checkpoint with `resume`, and ends with the same tensors as one that was not. A checkpoint
+//! belongs to the options and the labels of its run: with others it is refused.
 
 use super::buffer::{Buffer, Kind};
 use super::held_out::{Judgement, judge};
+use super::identity::Identity;
 use super::recipe::{self, Recipe};
 use super::session::{BranchConfig, Session, StepReport};
 use super::{checkpoint, curves};
@@ -36,13 +38,14 @@ pub enum TrainError {
     },
     /// The folder belongs to another run.
     #[error(
-        "run folder {folder} holds a run with other options ({what}); choose another folder or repeat its options"
+        "run folder {folder} holds a run of {what}: --resume would mix the two; choose another folder (--run DIR), or \
+         begin anew without --resume"
     )]
     OtherRun {
         /// The folder.
         folder: PathBuf,
         /// What differs.
-        what: String,
+        what: &'static str,
     },
     /// A damaged checkpoint.
     #[error("checkpoint {path}: {what}; delete it to start the run again")]
@@ -160,11 +163,13 @@ fn name(kind: Kind) -> &'static str {
 
 /// Fewest labelled features that a branch is trained on.
 const MIN_LABELLED: usize = 100;
-/// Steps between checkpoints.
-const CHECKPOINT_EVERY: usize = 200;
+/// Time between checkpoints: what a kill can cost, whatever a step takes.
+const CHECKPOINT_EVERY: Duration = Duration::from_secs(20);
 /// Judgements on the held-out pictures in a run.
 const JUDGEMENTS: usize = 10;
 const CHECKPOINT: &str = "checkpoint.safetensors";
+/// Where a checkpoint goes that a run without `resume` begins over.
+const CHECKPOINT_BEFORE: &str = "checkpoint-before.safetensors";
 const OPTIONS: &str = "options.json";
 
 /// How a run begins and may end.
@@ -197,7 +202,9 @@ pub fn train(
     let mut sessions = sessions(labels, &targets, options, &held, &scale, device)?;
     let fresh = sessions.clone();
     let checkpoint_path = folder.join(CHECKPOINT);
-    let options_text = serde_json::to_string_pretty(options).map_err(|e| folder_error(e.into()))?;
+    let identity = Identity::new(options, labels);
+    let options_text =
+        serde_json::to_string_pretty(&identity).map_err(|e| folder_error(e.into()))?;
     let options_path = folder.join(OPTIONS);
     let mut log = String::from(
         "branch,step,total,scene_m,reprojection_px,reliability,gradient,rate,seconds,held_out_m\n",
@@ -205,10 +212,15 @@ pub fn train(
     let mut seconds_before = 0.0;
     if control.resume && checkpoint_path.exists() {
         let found = std::fs::read_to_string(&options_path).map_err(folder_error)?;
-        if found != options_text {
+        // Folders of earlier versions did not note their labels, so nobody can say that they belong here.
+        let what = match serde_json::from_str::<Identity>(&found) {
+            Ok(found) => found.difference(&identity),
+            Err(_) => Some("another version of this tool"),
+        };
+        if let Some(what) = what {
             return Err(TrainError::OtherRun {
                 folder: folder.to_owned(),
-                what: format!("{found} instead of {options_text}"),
+                what,
             });
         }
         seconds_before = checkpoint::read(&checkpoint_path, &mut sessions).map_err(|what| {
@@ -219,9 +231,15 @@ pub fn train(
         })?;
         log = std::fs::read_to_string(folder.join("log.csv")).unwrap_or(log);
     } else {
+        if checkpoint_path.exists() {
+            // Not asked to go on: what is there stays at hand, for hours may be in it.
+            std::fs::rename(&checkpoint_path, folder.join(CHECKPOINT_BEFORE))
+                .map_err(folder_error)?;
+        }
         files::write_bytes(&options_path, options_text.as_bytes()).map_err(folder_error)?;
     }
     let started = Instant::now();
+    let mut saved = started;
     let seconds = || seconds_before + started.elapsed().as_secs_f64();
     let mut held_out = Vec::new();
     for index in 0..sessions.len() {
@@ -286,7 +304,7 @@ pub fn train(
             }
             let steps_of_all: usize = sessions.iter().map(|s| s.step).sum();
             let is_stopped = (control.stop)(steps_of_all);
-            if step.is_multiple_of(CHECKPOINT_EVERY) || is_last || is_stopped {
+            if saved.elapsed() >= CHECKPOINT_EVERY || is_last || is_stopped {
                 files::write_bytes(&folder.join("log.csv"), log.as_bytes())
                     .map_err(folder_error)?;
                 let curves =
@@ -294,6 +312,7 @@ pub fn train(
                 files::write_bytes(&folder.join("curves.svg"), curves.as_bytes())
                     .map_err(folder_error)?;
                 checkpoint::write(&checkpoint_path, &sessions, seconds()).map_err(folder_error)?;
+                saved = Instant::now();
             }
             if is_stopped {
                 return Err(TrainError::Stopped {

@@ -63,6 +63,22 @@ fn a_resumed_run_ends_as_a_whole_one() {
             assert!(cut_folder.join(file).exists(), "{file} is missing");
         }
 
+        let control = Control {
+            resume: true,
+            stop: &|_| false,
+        };
+        let another_room = train(
+            &room::labels(9),
+            &options,
+            &cut_folder,
+            &control,
+            &cpu_device(),
+        );
+        let message = another_room.err().map_or(String::new(), |e| e.to_string());
+        assert!(
+            message.contains("other pictures, features or tracks"),
+            "{name}: {message}"
+        );
         let other = RunOptions { seed: 6, ..options };
         let refused = run(&other, &cut_folder, true, usize::MAX).err();
         assert!(

@@ -39,6 +39,15 @@ pub(super) struct Point {
     pub(super) observations: Vec<Observation>,
 }
 
+/// A picture that may be registered next.
+pub(super) struct Candidate {
+    pub(super) picture: usize,
+    /// Points that it sees.
+    count: usize,
+    /// The more, the better.
+    rank: usize,
+}
+
 /// A reconstruction while it grows.
 #[derive(Debug, Clone)]
 pub(super) struct Attempt {
@@ -48,8 +57,10 @@ pub(super) struct Attempt {
     pub(super) poses: Vec<Option<CamFromWorld>>,
     /// One for each track.
     pub(super) points: Vec<Option<Point>>,
-    /// Points that a picture saw when it could not be located.
+    /// Points that a picture saw when it could not be located, or lost its pose again.
     tried: Vec<usize>,
+    /// How often a picture lost its pose again.
+    lost: Vec<u8>,
 }
 
 impl<'a> Ground<'a> {
@@ -103,16 +114,17 @@ impl<'a> Ground<'a> {
             poses: vec![None; n],
             points: vec![None; self.tracks.len()],
             tried: vec![0; n],
+            lost: vec![0; n],
         };
         attempt.poses[a] = Some(CamFromWorld::identity());
         attempt.poses[b] = Some(CamFromWorld::new(
             geometry.b_from_a.rotation,
             geometry.b_from_a.translation,
         ));
-        self.triangulate(&mut attempt);
+        self.triangulate(&mut attempt, 1.0);
         (attempt.num_points() >= self.params.min_start_points).then(|| {
             self.adjust(&mut attempt, &Effort::quick());
-            self.triangulate(&mut attempt);
+            self.triangulate(&mut attempt, 1.0);
             attempt
         })
     }
@@ -134,12 +146,13 @@ impl<'a> Ground<'a> {
         (registered, views, position)
     }
 
-    /// Every track anew under the present poses.
-    pub(super) fn triangulate(&self, attempt: &mut Attempt) {
+    /// Every track anew under the present poses, with the error limit widened by a factor: what came apart by drift is one
+    /// point again while the limit is wide.
+    pub(super) fn triangulate(&self, attempt: &mut Attempt, widen: f64) {
         let (registered, views, position) = self.posed(attempt);
         let bundle = Bundle { views: &views };
         let params = PointParams {
-            max_error_px: self.params.max_error_px,
+            max_error_px: widen * self.params.max_error_px,
             min_angle_deg: self.params.min_angle_deg,
             ..PointParams::default()
         };
@@ -166,7 +179,7 @@ impl<'a> Ground<'a> {
                 if inliers.len() < 2 || 3 * inliers.len() < 2 * seen.len() {
                     return None;
                 }
-                let position = bundle.refine(&inliers, known.position, 1.5);
+                let position = bundle.refine(&inliers, known.position, 1.5 * widen);
                 let inliers = fits(&position);
                 (inliers.len() >= 2).then_some((position, inliers))
             });
@@ -191,10 +204,10 @@ impl<'a> Ground<'a> {
         });
     }
 
-    /// Pictures without a pose, those that see most points in most places first, with the number of points.
-    pub(super) fn candidates(&self, attempt: &Attempt) -> Vec<(usize, usize)> {
-        let mut seen: Vec<(usize, usize, usize)> = (0..self.pictures.len())
-            .filter(|i| attempt.poses[*i].is_none())
+    /// Pictures without a pose, those that see most points in most places first.
+    pub(super) fn candidates(&self, attempt: &Attempt) -> Vec<Candidate> {
+        let mut found: Vec<Candidate> = (0..self.pictures.len())
+            .filter(|i| attempt.poses[*i].is_none() && attempt.lost[*i] < MAX_LOST)
             .filter_map(|i| {
                 let camera = &attempt.cameras[self.pictures[i].camera];
                 let (w, h) = (f64::from(camera.width), f64::from(camera.height));
@@ -210,11 +223,21 @@ impl<'a> Ground<'a> {
                 }
                 let spread = cells.iter().filter(|c| **c).count();
                 let is_new = attempt.tried[i] == 0 || 4 * count > 5 * attempt.tried[i];
-                (count >= self.params.min_inliers && is_new).then_some((i, count, spread))
+                (count >= self.params.min_inliers && is_new).then_some(Candidate {
+                    picture: i,
+                    count,
+                    rank: count * spread,
+                })
             })
             .collect();
-        seen.sort_by_key(|(i, count, spread)| (core::cmp::Reverse(count * spread), *i));
-        seen.into_iter().map(|(i, count, _)| (i, count)).collect()
+        found.sort_by_key(|c| (core::cmp::Reverse(c.rank), c.picture));
+        found
+    }
+
+    /// Keypoints of a picture that belong to a point.
+    pub(super) fn num_seen(&self, attempt: &Attempt, i: usize) -> usize {
+        let has_point = |t: &&u32| **t != NO_TRACK && attempt.points[**t as usize].is_some();
+        self.track_of[i].iter().filter(has_point).count()
     }
 
     /// Where a picture was taken from, by the points that it sees.
@@ -222,6 +245,7 @@ impl<'a> Ground<'a> {
         &self,
         attempt: &Attempt,
         i: usize,
+        min_share: f64,
         scratch: &mut PoseScratch,
     ) -> Option<CamFromWorld> {
         let picture = &self.pictures[i];
@@ -252,29 +276,47 @@ impl<'a> Ground<'a> {
         let outcome = pose::estimate(&points, &[], camera, &options, scratch, &mut || 0.0).ok()?;
         let found = outcome.located()?;
         let num = found.num_point_inliers as usize;
-        let is_enough = num >= self.params.min_inliers
-            && num as f64 >= self.params.min_inlier_share * points.len() as f64;
+        let is_enough =
+            num >= self.params.min_inliers && num as f64 >= min_share * points.len() as f64;
         is_enough.then_some(found.cam_from_world)
     }
 
     /// Registers the most promising pictures that are not taken, `most` of them at most. How many it were.
-    pub(super) fn register(&self, attempt: &mut Attempt, most: usize, is_taken: &[bool]) -> usize {
+    pub(super) fn register(
+        &self,
+        attempt: &mut Attempt,
+        most: usize,
+        min_share: f64,
+        is_taken: &[bool],
+    ) -> usize {
         let mut candidates = self.candidates(attempt);
-        candidates.retain(|(i, _)| !is_taken[*i]);
+        candidates.retain(|c| !is_taken[c.picture]);
+        // What sees little now may see more after the others.
+        let least = candidates.first().map_or(0, |c| c.rank / 2);
+        candidates.retain(|c| c.rank >= least);
         candidates.truncate(2 * most);
         let found = parallel::map_with(candidates.len(), PoseScratch::new, |scratch, c| {
-            self.locate(attempt, candidates[c].0, scratch)
+            self.locate(attempt, candidates[c].picture, min_share, scratch)
         });
         let mut num = 0;
-        for ((i, count), pose) in candidates.into_iter().zip(found) {
+        let mut num_failed = 0;
+        for (candidate, pose) in candidates.into_iter().zip(found) {
+            let i = candidate.picture;
             match pose {
                 Some(pose) if num < most => {
                     attempt.poses[i] = Some(pose);
                     num += 1;
                 }
                 Some(_) => {}
-                None => attempt.tried[i] = count,
+                None => {
+                    attempt.tried[i] = candidate.count;
+                    num_failed += 1;
+                }
             }
+        }
+        // Those that fail do not come again before they see more: the next in line get their turn.
+        if num == 0 && num_failed > 0 {
+            return self.register(attempt, most, min_share, is_taken);
         }
         num
     }
@@ -427,27 +469,46 @@ impl<'a> Ground<'a> {
         chosen
     }
 
-    /// Takes poses from pictures that hardly any point holds. How many it were.
+    /// Takes poses from pictures that the points of the others contradict. How many it were.
+    ///
+    /// Only points count that two other pictures see: what a stray made up with one neighbour does not speak for it.
     pub(super) fn drop_strays(&self, attempt: &mut Attempt) -> usize {
-        let mut seen = vec![0usize; attempt.poses.len()];
-        for o in attempt
-            .points
-            .iter()
-            .flatten()
-            .flat_map(|p| &p.observations)
-        {
-            seen[o.view as usize] += 1;
-        }
+        let shares: Vec<Option<(usize, usize, f64)>> = parallel::map(attempt.poses.len(), |i| {
+            attempt.poses[i]?;
+            let (mut fits, mut seen) = (0, 0);
+            for t in self.track_of[i].iter().filter(|t| **t != NO_TRACK) {
+                let Some(point) = &attempt.points[*t as usize] else {
+                    continue;
+                };
+                let is_own = point.observations.iter().any(|o| o.view as usize == i);
+                if point.observations.len() >= 2 + usize::from(is_own) {
+                    seen += 1;
+                    fits += usize::from(is_own);
+                }
+            }
+            Some((fits, seen, fits as f64 / (seen as f64).max(1.0)))
+        });
+        let mut all: Vec<f64> = shares.iter().flatten().map(|s| s.2).collect();
+        let least = STRAY_SHARE * crate::math::stats::median_in_place(&mut all).unwrap_or(0.0);
         let mut num = 0;
-        for (pose, seen) in attempt.poses.iter_mut().zip(seen) {
-            if pose.is_some() && seen < self.params.min_inliers {
-                *pose = None;
+        for (i, share) in shares.into_iter().enumerate() {
+            let Some((fits, seen, share)) = share else {
+                continue;
+            };
+            let is_stray = share < least || fits < self.params.min_inliers;
+            if is_stray && attempt.num_registered() > 3 {
+                attempt.drop_pose(i, seen);
                 num += 1;
             }
         }
         num
     }
 }
+
+/// A picture is a stray when it agrees with this share of what pictures usually agree with.
+const STRAY_SHARE: f64 = 0.65;
+/// A picture that lost its pose so often is not tried again.
+const MAX_LOST: u8 = 3;
 
 /// How thoroughly to adjust.
 #[derive(Debug, Clone, Copy)]
@@ -466,6 +527,16 @@ impl Effort {
             iterations: 12,
             tolerance: 1e-3,
             loss_px: 2.0,
+        }
+    }
+
+    /// Where far ends of a walk that came apart are drawn together.
+    pub(super) fn wide(factor: f64) -> Self {
+        Self {
+            points_per_picture: 200,
+            iterations: 15,
+            tolerance: 1e-3,
+            loss_px: 2.0 * factor,
         }
     }
 
@@ -495,6 +566,13 @@ impl Attempt {
             .flatten()
             .map(|p| p.observations.len())
             .sum()
+    }
+
+    /// Takes a pose from a picture, which is not tried again before it sees clearly more points than now.
+    pub(super) fn drop_pose(&mut self, i: usize, num_seen: usize) {
+        self.poses[i] = None;
+        self.tried[i] = num_seen;
+        self.lost[i] = self.lost[i].saturating_add(1);
     }
 
     /// Forgets which pictures could not be located.

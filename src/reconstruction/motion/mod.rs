@@ -10,12 +10,13 @@
 //! * **Invariants**: no files, no clock, threads only with `parallel`; the same pictures give the same result.
 //! * **Cost**: matching and verification grow with pairs, adjustment with the cube of the pictures.
 //!
-//! Known limit: over a walk that comes back after a long way, drift larger than [`MotionParams::max_error_px`] is not closed
-//! yet, so nothing delivers these poses to users; `rms_px` alone does not show it.
+//! Known limit: in a long walk a stretch that hangs on the rest by few or ambiguous pairs may come out in the wrong place.
+//! Parts that verified matches contradict are taken out; `rms_px` alone does not show the rest.
 //!
 //! Sources: Schönberger and Frahm, Structure-from-Motion Revisited (2016), for what incremental mapping needs.
 
 mod candidates;
+mod contradict;
 mod grow;
 mod loops;
 mod start;
@@ -98,8 +99,10 @@ pub struct MotionParams {
     pub min_angle_deg: f64,
     /// Points that a picture must agree with to be registered.
     pub min_inliers: usize,
-    /// Share of the points that it sees.
+    /// Share of the points that it sees, once everything else stands.
     pub min_inlier_share: f64,
+    /// Share of the points that it sees, before.
+    pub min_sure_share: f64,
     /// Points that two pictures must have to start.
     pub min_start_points: usize,
     /// Pictures from which on the focal length is adjusted.
@@ -122,8 +125,9 @@ impl Default for MotionParams {
             loops: LoopParams::default(),
             max_error_px: 4.0,
             min_angle_deg: 1.5,
-            min_inliers: 20,
+            min_inliers: 30,
             min_inlier_share: 0.3,
+            min_sure_share: 0.5,
             min_start_points: 40,
             refine_focal_from: 4,
             refine_radial_from: 12,
@@ -435,7 +439,7 @@ fn left_out(
         Some(attempt) => ground
             .candidates(attempt)
             .into_iter()
-            .map(|(i, _)| i)
+            .map(|c| c.picture)
             .collect(),
         None => Vec::new(),
     };

@@ -1,5 +1,6 @@
 //! Where a reconstruction starts, and how it goes on from there.
 
+use super::contradict::drop_contradicted;
 use super::grow::{Attempt, Effort, Ground};
 use super::{CameraGroup, MotionParams, PairMatches, Picture, Stage, VerifiedPair, Watch, verify};
 use crate::geometry::{Camera, CameraModel};
@@ -117,7 +118,13 @@ pub(super) fn best_start(
                 continue;
             };
             while attempt.num_registered() < TRIAL_PICTURES {
-                if !grow_once(ground, &mut attempt, 2, is_done) {
+                if !grow_once(
+                    ground,
+                    &mut attempt,
+                    2,
+                    ground.params.min_sure_share,
+                    is_done,
+                ) {
                     break;
                 }
             }
@@ -147,15 +154,41 @@ fn reverified(
 }
 
 /// One round; false when no picture could be added.
-fn grow_once(ground: &Ground<'_>, attempt: &mut Attempt, most: usize, is_done: &[bool]) -> bool {
-    let num = ground.register(attempt, most, is_done);
+fn grow_once(
+    ground: &Ground<'_>,
+    attempt: &mut Attempt,
+    most: usize,
+    min_share: f64,
+    is_done: &[bool],
+) -> bool {
+    let num = ground.register(attempt, most, min_share, is_done);
     if num == 0 {
         return false;
     }
-    ground.triangulate(attempt);
+    ground.triangulate(attempt, 1.0);
     ground.adjust(attempt, &Effort::quick());
-    ground.triangulate(attempt);
+    ground.triangulate(attempt, 1.0);
+    clean(ground, attempt);
     true
+}
+
+/// Takes out what the rest contradicts. How many pictures it were.
+fn clean(ground: &Ground<'_>, attempt: &mut Attempt) -> usize {
+    let mut num = ground.drop_strays(attempt);
+    num += drop_contradicted(ground, attempt);
+    if num > 0 {
+        ground.triangulate(attempt, 1.0);
+    }
+    num
+}
+
+/// Draws together what came apart by drift: points and losses get wide, then narrow again.
+fn close_loops(ground: &Ground<'_>, attempt: &mut Attempt) {
+    for factor in [4.0, 2.0] {
+        ground.triangulate(attempt, factor);
+        ground.adjust(attempt, &Effort::wide(factor));
+    }
+    ground.triangulate(attempt, 1.0);
 }
 
 /// Grows until nothing can be added, adjusts thoroughly, tries once more what was left out.
@@ -167,28 +200,36 @@ pub(super) fn grow_all(
 ) -> Option<Attempt> {
     let total = ground.pictures.len();
     for round in 0..3 {
+        // First what is sure; what fits half only waits until the rest stands.
+        let min_share = if round == 0 {
+            ground.params.min_sure_share
+        } else {
+            ground.params.min_inlier_share
+        };
         loop {
             watch.tell(Stage::Grow, attempt.num_registered(), total)?;
             let most = (attempt.num_registered() / 4).max(2);
-            if !grow_once(ground, &mut attempt, most, is_done) {
+            if !grow_once(ground, &mut attempt, most, min_share, is_done) {
                 break;
             }
         }
         watch.tell(Stage::Adjust, round, 3)?;
+        close_loops(ground, &mut attempt);
         ground.adjust(&mut attempt, &Effort::thorough());
-        ground.triangulate(&mut attempt);
-        let num_strays = ground.drop_strays(&mut attempt);
+        ground.triangulate(&mut attempt, 1.0);
+        let num_strays = clean(ground, &mut attempt);
         attempt.try_all_again();
         let has_more = ground
             .candidates(&attempt)
             .iter()
-            .any(|(i, _)| !is_done[*i]);
+            .any(|c| !is_done[c.picture]);
         if num_strays == 0 && !has_more {
             break;
         }
     }
     ground.adjust(&mut attempt, &Effort::thorough());
-    ground.triangulate(&mut attempt);
+    ground.triangulate(&mut attempt, 1.0);
+    clean(ground, &mut attempt);
     watch.tell(Stage::Adjust, 3, 3)?;
     Some(attempt)
 }

@@ -1,6 +1,7 @@
 //! Arguments that several commands share. A command imports these and what does its work, never another command.
 
-use crate::dataset::DataArgs;
+use crate::dataset::{DataArgs, expressed};
+use crate::posing::PosingRequest;
 use crate::scene::ExtractorArgs;
 use crate::teach::SceneRequest;
 use crate::timestamp::now;
@@ -13,6 +14,7 @@ use anyhow::Result;
 #[cfg(feature = "train")]
 use anyhow::bail;
 use clap::ValueEnum;
+use landline::geometry::CameraRecord;
 #[cfg(feature = "train")]
 use landline::models::{Preset, RegressorConfig};
 use landline::scene_file::Precision;
@@ -129,6 +131,36 @@ impl SceneArgs {
         self.run
             .clone()
             .unwrap_or_else(|| out.with_extension("run"))
+    }
+}
+
+/// How pictures without poses are posed.
+#[derive(Debug, Clone, clap::Args)]
+pub struct PosingArgs {
+    /// Focal length in pixels of pictures without poses; found out when not given.
+    #[arg(long, value_name = "PX", conflicts_with = "camera")]
+    pub focal: Option<f64>,
+    /// Pictures without poses are not in the order in which they were taken.
+    #[arg(long)]
+    pub unordered: bool,
+    /// Frames of a video that are taken for each second of it.
+    #[arg(long, value_name = "N", default_value_t = 3.0)]
+    pub frames_per_second: f64,
+}
+
+impl PosingArgs {
+    /// What is asked, for pictures of this folder or video.
+    ///
+    /// # Errors
+    /// When the camera is of a model that is not known.
+    pub fn request(&self, pictures: &Path, camera: Option<&CameraRecord>) -> Result<PosingRequest> {
+        Ok(PosingRequest {
+            pictures: pictures.to_owned(),
+            focal_px: self.focal,
+            camera: camera.map(expressed).transpose()?,
+            is_unordered: self.unordered,
+            frames_per_second: self.frames_per_second,
+        })
     }
 }
 

@@ -16,6 +16,7 @@ pub mod labels;
 pub mod overlay;
 pub mod picture;
 mod plot;
+pub mod posing;
 pub mod progress;
 pub mod replay;
 pub mod run_lock;
@@ -27,4 +28,5 @@ pub mod timestamp;
 #[cfg(feature = "train")]
 pub mod train;
 pub mod units;
+pub mod unposed;
 pub mod weights;

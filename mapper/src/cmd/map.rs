@@ -1,9 +1,11 @@
-//! `landline map`: from pictures with poses to a scene file in one go.
+//! `landline map`: from pictures, with poses or without, to a scene file in one go.
 
-use crate::args::{SceneArgs, TeachingArgs};
-use crate::dataset::open;
+use crate::args::{PosingArgs, SceneArgs, TeachingArgs};
+use crate::dataset::{has_poses, open};
 use crate::extract::Extraction;
 use crate::files;
+use crate::posing::{is_video, pose_pictures};
+use crate::progress::Progress;
 use crate::run_lock::RunLock;
 use crate::teach::{Request, teach};
 use crate::terminal::Terminal;
@@ -16,8 +18,9 @@ use anyhow::{Context, Result};
 use landline::front_end::FrontEndOptions;
 use std::path::PathBuf;
 
-/// Teach a place: features, points and lines of its posed pictures, one scene file.
+/// Teach a place: features, points and lines of its pictures, one scene file.
 ///
+/// A folder of pictures without poses, or a video, is posed first (structure from motion); the unit of length is arbitrary then.
 /// The networks begin as the place's landmarks, which locate by themselves. They are trained only where pictures that were
 /// kept back show that these are not enough, or where options ask for it. Features are cached in the run folder, or where
 /// `--features` says; an interrupted run goes on from there.
@@ -33,6 +36,8 @@ pub struct Args {
     labels: Option<PathBuf>,
     #[command(flatten)]
     scene: SceneArgs,
+    #[command(flatten)]
+    posing: PosingArgs,
     /// When networks are trained; options of training ask for it too.
     #[cfg(feature = "train")]
     #[arg(long, value_enum, default_value_t = When::Auto, value_name = "WHEN")]
@@ -50,20 +55,39 @@ pub struct Args {
 ///
 /// # Errors
 /// When the data cannot be read, nothing can be triangulated or learned, or the disk refuses.
-pub fn run(args: Args) -> Result<()> {
+pub fn run(mut args: Args) -> Result<()> {
     // Before anything expensive happens.
     let scene = args.scene.request()?;
     #[cfg(feature = "train")]
     let training = args.training()?;
     let folder = args.scene.run_folder(&args.out);
     let _held = RunLock::hold(&folder)?;
-    let dataset = open(&args.teaching.data)?;
-    print!("{}", dataset.table());
     let extractor = args.teaching.extractor.read()?;
     let options = FrontEndOptions::new(extractor.kind);
     let own_cache = folder.join("features");
     let cache = args.teaching.features.as_deref().unwrap_or(&own_cache);
     let extraction = Extraction::new(extractor, options, Some(cache));
+    let data = &mut args.teaching.data;
+    if is_video(&data.data) || !has_poses(data) {
+        std::fs::create_dir_all(&folder).with_context(|| format!("{}", folder.display()))?;
+        let model = folder.join("poses");
+        if model.exists() {
+            // Another run's poses may be of other pictures.
+            std::fs::remove_dir_all(&model).with_context(|| format!("{}", model.display()))?;
+        }
+        let request = args.posing.request(&data.data, data.camera.as_ref())?;
+        println!(
+            "{} has no poses: they are found from the pictures",
+            data.data.display()
+        );
+        let posed = pose_pictures(&request, &extraction, &model, Progress::Terminal)?;
+        print!("{}", posed.summary);
+        data.pictures = Some(posed.pictures);
+        data.data = model;
+        data.camera = None;
+    }
+    let dataset = open(&args.teaching.data)?;
+    print!("{}", dataset.table());
     let precision = scene.precision;
     let request = Request {
         dataset: &dataset,

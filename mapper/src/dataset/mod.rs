@@ -9,6 +9,7 @@ mod axes;
 pub mod camera;
 mod cameras;
 mod colmap;
+mod colmap_write;
 mod finish;
 mod indoor6;
 mod limap;
@@ -28,7 +29,9 @@ mod world;
 
 pub use args::{DataArgs, Format, PoseCamera, PoseDirection, QuaternionOrder, parse_camera};
 pub use axes::CameraAxes;
-pub use open::open;
+pub use camera::expressed;
+pub use colmap_write::{WrittenImage, WrittenModel, WrittenPoint};
+pub use open::{has_poses, open};
 pub use pose_check::{PoseProblem, rigid_from_matrix};
 pub use split::{IndexRange, Split};
 pub use world::{UnitsArg, check_scale, gravity_from_up, parse_vector};

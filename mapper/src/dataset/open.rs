@@ -7,6 +7,7 @@ use super::finish::finish;
 use super::pictures::{MISSING, Pictures, list_files};
 use super::pose_list::{self, ListKind};
 use super::{Dataset, DatasetError, ace, colmap, indoor6, seven_scenes, split, transforms, tum};
+use crate::picture;
 use landline::geometry::CamFromWorld;
 use std::path::{Path, PathBuf};
 
@@ -77,6 +78,27 @@ const READERS: [Reader; 8] = [
         read: read_list,
     },
 ];
+
+/// Whether there is something to read poses from: false for a folder with pictures in it in which no format and no list of
+/// poses is found.
+pub fn has_poses(args: &DataArgs) -> bool {
+    let data = &args.data;
+    let is_named = args.format.is_some() || args.poses.is_some() || args.cameras.is_some();
+    if is_named || !data.is_dir() {
+        return true;
+    }
+    let recognises = |r: &Reader| r.format != Format::PoseList && (r.recognises)(data);
+    // What cannot be listed is an error that reading it tells.
+    let Ok(files) = list_files(data) else {
+        return true;
+    };
+    let has_pictures = files.iter().any(|p| picture::has_known_ending(p));
+    let is_list = |p: &PathBuf| {
+        p.extension().is_some_and(|e| e.eq_ignore_ascii_case("txt"))
+            && pose_list::sniff(p).is_some()
+    };
+    !has_pictures || READERS.iter().any(recognises) || files.iter().any(is_list)
+}
 
 /// Reads a data set and checks what every format has in common.
 ///

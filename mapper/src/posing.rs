@@ -1,0 +1,293 @@
+//! From pictures or a video without poses to a COLMAP model: features, matches, structure from motion, one folder.
+
+use crate::dataset::DatasetImage;
+use crate::extract::{ExtractError, Extraction};
+use crate::progress::Progress;
+use crate::unposed::{self, Found, UnposedError};
+use indicatif::ProgressBar;
+use landline::geometry::Camera;
+use landline::reconstruction::motion::{
+    CameraGroup, LeftOut, Motion, MotionError, MotionParams, Picture, Stage, match_pictures,
+    reconstruct_motion,
+};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Why pictures could not be posed.
+#[derive(Debug, thiserror::Error)]
+pub enum PosingError {
+    /// There are no pictures to pose.
+    #[error(transparent)]
+    Unposed(#[from] UnposedError),
+    /// A picture or the cache cannot be read.
+    #[error(transparent)]
+    Extract(#[from] ExtractError),
+    /// Nothing can be reconstructed.
+    #[error(transparent)]
+    Motion(#[from] MotionError),
+    /// What is said about the camera cannot be.
+    #[error("{0}")]
+    Camera(String),
+    /// The model cannot be written.
+    #[error("the model: {0}")]
+    Write(#[from] std::io::Error),
+}
+
+/// What is known beforehand.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PosingRequest {
+    /// Folder of pictures, or a video.
+    pub pictures: PathBuf,
+    /// Focal length of all pictures, in pixels.
+    pub focal_px: Option<f64>,
+    /// The camera of all pictures.
+    pub camera: Option<Camera>,
+    /// The pictures are not in the order in which they were taken.
+    pub is_unordered: bool,
+    /// Frames of a video that are taken for each second of it.
+    pub frames_per_second: f64,
+}
+
+/// A written model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Posed {
+    /// Where the pictures are: of a video, its frames.
+    pub pictures: PathBuf,
+    /// What came out, for people.
+    pub summary: String,
+}
+
+/// Widths of the picture that a focal length may have.
+const FOCALS: std::ops::RangeInclusive<f64> = 0.1..=20.0;
+
+/// Whether a path is a video, by its ending.
+pub fn is_video(path: &Path) -> bool {
+    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+    let known = ["mp4", "mov", "m4v", "mkv", "webm", "avi", "3gp"];
+    path.is_file() && known.iter().any(|e| extension == *e)
+}
+
+/// Poses pictures and writes the largest piece as a COLMAP model into `out`; frames of a video lie beside it.
+///
+/// # Errors
+/// When there are too few pictures, they cannot be read, nothing can be reconstructed, or the disk refuses.
+pub fn pose_pictures(
+    request: &PosingRequest,
+    extraction: &Extraction,
+    out: &Path,
+    progress: Progress,
+) -> Result<Posed, PosingError> {
+    let start = Instant::now();
+    let folder = frames(request, out)?;
+    let Found { images, unreadable } = unposed::find_pictures(&folder)?;
+    for image in &images {
+        check_camera(request, image.camera.width, image.camera.height)?;
+    }
+    let (groups, group_of) = unposed::group_cameras(&images, |w, h| {
+        let known = request.camera.map(CameraGroup::given);
+        known.or_else(|| request.focal_px.map(|f| unposed::with_focal(w, h, f)))
+    });
+    let chosen: Vec<&DatasetImage> = images.iter().collect();
+    let features = extraction.all(&chosen, progress)?;
+    let pictures: Vec<Picture<'_>> = features
+        .iter()
+        .zip(&group_of)
+        .map(|(features, camera)| Picture {
+            features,
+            camera: *camera,
+        })
+        .collect();
+    let after_features = Instant::now();
+    let mut params = MotionParams::default();
+    params.candidates.is_video = !request.is_unordered;
+    let mut bars = Bars::new(progress);
+    let matches = match_pictures(&pictures, &groups, &params, &mut |s, d, t| {
+        bars.tell(s, d, t)
+    })?;
+    let mut bars = Bars::new(progress);
+    let motion = reconstruct_motion(&pictures, &groups, &matches, &params, &mut |s, d, t| {
+        bars.tell(s, d, t)
+    })?;
+    drop(bars);
+    let mut summary = String::new();
+    for (name, reason) in &unreadable {
+        line(
+            &mut summary,
+            format_args!("not read         {name}: {reason}"),
+        );
+    }
+    let names: Vec<&str> = images.iter().map(|i| i.name.as_str()).collect();
+    describe(&motion, &names, &mut summary);
+    line(
+        &mut summary,
+        format_args!(
+            "time             features {:.1} s, matching and poses {:.1} s",
+            (after_features - start).as_secs_f64(),
+            after_features.elapsed().as_secs_f64()
+        ),
+    );
+    // Reprojection errors do not show a stretch in the wrong place.
+    line(
+        &mut summary,
+        format_args!(
+            "check            experimental: look at the points and the camera's way before you rely on them"
+        ),
+    );
+    if let [best, ..] = motion.components.as_slice() {
+        unposed::written(best, &images, &features, &group_of).write(out)?;
+    }
+    Ok(Posed {
+        pictures: folder,
+        summary,
+    })
+}
+
+/// The folder of pictures; of a video, its frames, which are used again when they are there.
+fn frames(request: &PosingRequest, out: &Path) -> Result<PathBuf, PosingError> {
+    if !request.pictures.is_file() {
+        return Ok(request.pictures.clone());
+    }
+    let rate = request.frames_per_second;
+    if !(rate > 0.0 && rate <= 60.0) {
+        return Err(PosingError::Camera(format!(
+            "--frames-per-second is {rate}: expected a number above 0, at most 60"
+        )));
+    }
+    let mut name = out.as_os_str().to_owned();
+    name.push(format!(".frames-{rate}"));
+    let folder = PathBuf::from(name);
+    if !folder.is_dir() {
+        unposed::extract_frames(&request.pictures, &folder, rate)?;
+    }
+    Ok(folder)
+}
+
+fn check_camera(request: &PosingRequest, width: u32, height: u32) -> Result<(), PosingError> {
+    let side = f64::from(width.max(height));
+    if let Some(focal) = request.focal_px
+        && !FOCALS.contains(&(focal / side))
+    {
+        return Err(PosingError::Camera(format!(
+            "--focal is {focal}: for pictures of {width} x {height} expected {} to {} pixels",
+            FOCALS.start() * side,
+            FOCALS.end() * side
+        )));
+    }
+    if let Some(camera) = &request.camera
+        && (camera.width, camera.height) != (width, height)
+    {
+        return Err(PosingError::Camera(format!(
+            "--camera is for pictures of {} x {}, but there is one of {width} x {height}",
+            camera.width, camera.height
+        )));
+    }
+    Ok(())
+}
+
+/// One bar for each stage, one after the other.
+struct Bars {
+    progress: Progress,
+    current: Option<(Stage, ProgressBar)>,
+}
+
+impl Bars {
+    fn new(progress: Progress) -> Self {
+        Self {
+            progress,
+            current: None,
+        }
+    }
+
+    fn tell(&mut self, stage: Stage, done: usize, total: usize) -> bool {
+        if self.current.as_ref().is_none_or(|(s, _)| *s != stage) {
+            if let Some((_, bar)) = self.current.take() {
+                bar.finish();
+            }
+            let what = match stage {
+                Stage::Match => "matching pictures",
+                Stage::Verify => "comparing pairs",
+                Stage::Grow => "placing pictures",
+                Stage::Adjust => "adjusting",
+            };
+            self.current = Some((stage, self.progress.bar(what, total)));
+        }
+        if let Some((_, bar)) = &self.current {
+            bar.set_position(done as u64);
+        }
+        true
+    }
+}
+
+/// What came out, a line each.
+fn describe(motion: &Motion, names: &[&str], out: &mut String) {
+    let counts = &motion.num_pairs;
+    line(
+        out,
+        format_args!(
+            "pairs            {} matched, {} verified: {} general, {} planar, {} turned only; {} loops rejected",
+            counts.matched,
+            counts.verified,
+            counts.general,
+            counts.planar,
+            counts.turned,
+            motion.rejected_loops.len()
+        ),
+    );
+    for (i, component) in motion.components.iter().enumerate() {
+        line(
+            out,
+            format_args!(
+                "{}          {} of {} pictures, {} points, reprojection {:.2} px (rms)",
+                if i == 0 { "written" } else { "another" },
+                component.num_registered(),
+                names.len(),
+                component.points.len(),
+                component.rms_px
+            ),
+        );
+    }
+    if let [largest, rest @ ..] = motion.components.as_slice() {
+        for camera in &largest.cameras {
+            let (f, _) = camera.focal_px();
+            line(out, format_args!("focal length     {f:.1} px"));
+        }
+        if !rest.is_empty() {
+            line(
+                out,
+                format_args!(
+                    "The pictures fall into {} pieces that could not be joined: film the way from one to the other.",
+                    rest.len() + 1
+                ),
+            );
+        }
+    }
+    for reason in [
+        LeftOut::NothingInCommon,
+        LeftOut::OnlyTurned,
+        LeftOut::TooFewPoints,
+        LeftOut::NoPose,
+    ] {
+        let of_reason: Vec<&str> = motion
+            .left_out
+            .iter()
+            .filter(|(_, r)| *r == reason)
+            .map(|(i, _)| names[*i])
+            .collect();
+        if let [first, ..] = of_reason.as_slice() {
+            line(
+                out,
+                format_args!(
+                    "left out         {} pictures ({first} ...): {}",
+                    of_reason.len(),
+                    reason.message()
+                ),
+            );
+        }
+    }
+}
+
+fn line(out: &mut String, text: std::fmt::Arguments<'_>) {
+    // Writing to a string cannot fail.
+    writeln!(out, "{text}").unwrap_or_default();
+}

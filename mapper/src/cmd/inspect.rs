@@ -137,6 +137,16 @@ fn scene_card(scene: &SceneFile) -> String {
     for text in network_lines(&scene.config) {
         line(&mut out, "", &text);
     }
+    let landmarks = match &scene.landmarks {
+        None => "none: the first pose is the answer".to_owned(),
+        Some(table) => format!(
+            "{} points and {} lines to look again at, {} clusters of views",
+            group(table.point_positions.len()),
+            group(table.line_positions.len()),
+            table.num_clusters
+        ),
+    };
+    line(&mut out, "landmarks", &landmarks);
     line(
         &mut out,
         "extractor",

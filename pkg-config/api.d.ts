@@ -707,7 +707,11 @@ export type NotLocatedReason =
 /** Several positions explain the picture equally well. */
  | "ambiguous"
 /** The time budget ran out first. */
- | "timeout";
+ | "timeout"
+/** Hardly anything of what the scene should show is there from any position: another place, or a part that was not taught. */
+ | "other-place"
+/** It fits only as seen in a mirror: a mirrored picture or camera. */
+ | "mirrored";
 /** State over several frames. */
 export type TrackingState = "searching" | "tracking" | "limited";
 /** Why tracking is limited. */

@@ -18,6 +18,8 @@ const reasonWords = {
   "few-inliers": ["No position fits", "What is seen does not agree on one position. Move back, or show a larger part of the room."],
   degenerate: ["Too flat a view", "A single surface leaves the position open. Bring something else into view."],
   ambiguous: ["Two places look alike", "Several positions explain this picture. Show something that exists only once."],
+  "other-place": ["Not this place", "What the scene should show is here from no position. Turn to a part that was taught, or load the scene of this place."],
+  mirrored: ["Mirrored", "This fits only as seen in a mirror. Turn off the mirroring of the camera."],
   timeout: ["Ran out of time", "The search was cut short. Allow more time per frame, or use a smaller picture."],
 };
 

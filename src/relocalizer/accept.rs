@@ -1,7 +1,8 @@
 //! Which answers of the solver are believed.
 
 use super::result::{Counts, NotLocated};
-use crate::pose::{PoseEstimate, PoseOutcome};
+use crate::landmarks::FoundAgain;
+use crate::pose::{Degeneracy, PoseEstimate, PoseOutcome};
 
 /// Fewer features than this are not worth a look.
 const MIN_FEATURES: usize = 8;
@@ -12,8 +13,18 @@ const MIN_INLIERS: u32 = 12;
 /// 30 of 900, while in its own room a third of them agree.
 const MIN_INLIER_SHARE: u32 = 12;
 
+/// Where even the best pose finds a smaller share of the landmarks that it should show, it is another place, or a part that was not
+/// taught.
+const OTHER_PLACE_SHARE: f64 = 0.05;
+
 /// The pose, or why it is none.
-pub(super) fn accept(solved: &PoseOutcome, counts: &Counts) -> Result<PoseEstimate, NotLocated> {
+///
+/// `found` is what a second look found again, where the scene has landmarks and there was a pose to look from.
+pub(super) fn accept(
+    solved: &PoseOutcome,
+    counts: &Counts,
+    found: Option<&FoundAgain>,
+) -> Result<PoseEstimate, NotLocated> {
     let given = counts.num_point_correspondences + counts.num_line_correspondences;
     let needed = MIN_INLIERS.max(given as u32 / MIN_INLIER_SHARE);
     if let Some(estimate) = solved.located()
@@ -24,5 +35,13 @@ pub(super) fn accept(solved: &PoseOutcome, counts: &Counts) -> Result<PoseEstima
     if counts.num_keypoints + counts.num_segments < MIN_FEATURES {
         return Err(NotLocated::FewFeatures);
     }
-    Err(NotLocated::from_status(solved.status).unwrap_or(NotLocated::FewInliers))
+    if solved.degeneracy == Some(Degeneracy::Mirrored) {
+        return Err(NotLocated::Mirrored);
+    }
+    let reason = NotLocated::from_status(solved.status).unwrap_or(NotLocated::FewInliers);
+    let is_elsewhere = found.is_some_and(|f| f.share() < OTHER_PLACE_SHARE);
+    Err(match reason {
+        NotLocated::FewInliers | NotLocated::Ambiguous if is_elsewhere => NotLocated::OtherPlace,
+        other => other,
+    })
 }

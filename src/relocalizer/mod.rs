@@ -18,6 +18,7 @@ mod accept;
 mod backend;
 #[cfg(feature = "webgpu")]
 mod calibration;
+mod confidence;
 mod correspond;
 #[cfg(feature = "webgpu")]
 mod device;

@@ -21,6 +21,10 @@ pub enum NotLocated {
     Ambiguous,
     /// The time budget ran out first.
     Timeout,
+    /// Hardly anything of what the scene should show is there from any position: another place, or a part that was not taught.
+    OtherPlace,
+    /// Many more things would agree if the world were mirrored: a mirrored picture, or a left-handed scene.
+    Mirrored,
 }
 
 impl NotLocated {
@@ -52,6 +56,12 @@ impl NotLocated {
                 "the view leaves the position open: show more depth or more directions"
             }
             Self::Ambiguous => "two positions fit almost equally well: show what exists only once",
+            Self::OtherPlace => {
+                "not this place, or a part of it that was not taught: what the scene should show is there from no position"
+            }
+            Self::Mirrored => {
+                "mirrored: it fits only as seen in a mirror; turn off the mirroring of the camera or the picture"
+            }
             Self::Timeout => "the time budget ended first: allow more, or show more of the scene",
         }
     }
@@ -66,7 +76,8 @@ pub struct Localization {
     pub estimate: PoseEstimate,
     /// Median reprojection error of the inliers, pixels of the frame.
     pub median_error_px: f64,
-    /// 0..1: how far the evidence stands above chance. Grows with the number and agreement of the inliers.
+    /// 0..1: how probably the pose is right (within 25 cm), from the evidence above chance and, where the scene has landmarks, from
+    /// how many of those that the pose shows were found again.
     pub confidence: f64,
 }
 

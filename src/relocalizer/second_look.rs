@@ -162,7 +162,8 @@ impl Relocalizer {
         };
         let features = self.front_end.features();
         let Some(answer) = again.best(features, camera, &first, take, options, clock)? else {
-            return Ok((first, None));
+            let nothing = first.estimate.map(|_| FoundAgain::default());
+            return Ok((first, nothing));
         };
         let (mut outcome, found) = answer;
         if !is_convincing(&answer) {

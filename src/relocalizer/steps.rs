@@ -2,6 +2,7 @@
 
 use super::Relocalizer;
 use super::accept::accept;
+use super::confidence::confidence;
 use super::correspond::correspondences;
 use super::error::LocateError;
 use super::last_frame::{count, mark};
@@ -12,10 +13,8 @@ use super::timings::StageTimings;
 use crate::front_end::{FrontEndError, Stopwatch};
 use crate::geometry::WorkingFromSensor;
 use crate::image::FrameView;
+use crate::landmarks::FoundAgain;
 use crate::pose::{self, PoseEstimate, PoseOptions};
-
-/// Nats of evidence above chance that make a pose 63 % sure, 95 % at three times as much.
-const EVIDENCE_SCALE: f64 = 10.0;
 
 /// A frame whose working image is made and whose extractor runs, if it runs on a device. Goes into
 /// `Relocalizer::observe`.
@@ -225,10 +224,10 @@ impl Relocalizer {
         counts.num_point_correspondences = self.points.len();
         counts.num_line_correspondences = self.lines.len();
         let (mut solved_camera, mut source, mut sigma_ln) = (start.camera, start.source, None);
-        let outcome = match accept(&solved, &counts) {
+        let outcome = match accept(&solved, &counts, found_again.as_ref()) {
             Ok(estimate) => {
                 (solved_camera, source, sigma_ln) = start.solved(&camera, &estimate);
-                Outcome::Located(self.localization(estimate))
+                Outcome::Located(self.localization(estimate, found_again.as_ref()))
             }
             Err(reason) => {
                 mark(&[], self.points.len(), &mut self.is_point_inlier);
@@ -274,12 +273,12 @@ impl Relocalizer {
     }
 
     /// Marks what agrees with the solver's last answer, and puts the answer in the frame's own pixels.
-    fn localization(&mut self, estimate: PoseEstimate) -> Localization {
+    fn localization(&mut self, estimate: PoseEstimate, found: Option<&FoundAgain>) -> Localization {
         let working = self.working_from_sensor;
         Localization {
             cam_from_world: estimate.cam_from_world,
             median_error_px: self.mark_inliers() / (0.5 * (working.scale_x + working.scale_y)),
-            confidence: 1.0 - libm::exp(-estimate.log_evidence.max(0.0) / EVIDENCE_SCALE),
+            confidence: confidence(&estimate, found),
             estimate,
         }
     }

@@ -137,6 +137,8 @@ fn reason_code(reason: NotLocated) -> f64 {
         NotLocated::Degenerate => 3.0,
         NotLocated::Ambiguous => 4.0,
         NotLocated::Timeout => 5.0,
+        NotLocated::OtherPlace => 6.0,
+        NotLocated::Mirrored => 7.0,
     }
 }
 

@@ -7,7 +7,7 @@ import type { Backend, Include, IntrinsicsSource, LimitedReason, LocateResult, N
 const layoutVersion = 1;
 const headerLength = 100;
 
-const reasons: readonly NotLocatedReason[] = ["few-features", "few-correspondences", "few-inliers", "degenerate", "ambiguous", "timeout"];
+const reasons: readonly NotLocatedReason[] = ["few-features", "few-correspondences", "few-inliers", "degenerate", "ambiguous", "timeout", "other-place", "mirrored"];
 const states: readonly TrackingState[] = ["searching", "tracking", "limited"];
 const limits: readonly LimitedReason[] = ["lost", "jump", "focal-uncertain"];
 const sources: readonly IntrinsicsSource[] = ["given", "track", "exif", "remembered", "estimated", "assumed"];

@@ -28,7 +28,7 @@ pub struct Args {
     #[command(flatten)]
     extractor: ExtractorArgs,
     /// Camera of the pictures: MODEL,width,height,parameters in COLMAP's order. Otherwise the scene's own camera where it
-    /// has the same size, else the focal length is solved with the pose.
+    /// has the same shape, else the focal length is solved with the pose.
     #[arg(long, value_name = "MODEL,W,H,...", value_parser = crate::dataset::parse_camera)]
     camera: Option<CameraRecord>,
     #[command(flatten)]
@@ -159,9 +159,8 @@ fn locate(
     args: &Args,
 ) -> Result<()> {
     let rgb = picture::read(path)?.into_rgb8();
-    let fits = |c: &Camera| (c.width, c.height) == rgb.dimensions();
     let query = Query {
-        camera: given.or(scene_camera.filter(fits)),
+        camera: given.or(scene_camera.and_then(|c| c.for_size(rgb.width(), rgb.height()))),
         camera_source: CameraSource::Given,
         ..Query::default()
     };
@@ -268,7 +267,13 @@ fn to_json(path: &Path, report: &Report, backend: &Backend) -> serde_json::Value
                 "position": <[f64; 3]>::from(l.cam_from_world.center_in_world()),
             }),
             json!(null),
-            json!({ "median_error_px": l.median_error_px, "confidence": l.confidence }),
+            json!({
+                "median_error_px": l.median_error_px,
+                "confidence": l.confidence,
+                "sigma": l.estimate.sigma_m,
+                "sigma_deg": l.estimate.sigma_rad.to_degrees(),
+                "log_evidence": l.estimate.log_evidence,
+            }),
         ),
         Outcome::NotLocated(reason) => (json!(null), json!(reason.message()), json!(null)),
     };
@@ -279,6 +284,10 @@ fn to_json(path: &Path, report: &Report, backend: &Backend) -> serde_json::Value
         "quality": quality,
         "inliers": { "points": c.num_point_inliers, "lines": c.num_line_inliers },
         "correspondences": { "points": c.num_point_correspondences, "lines": c.num_line_correspondences },
+        "found_again": report.found_again.map(|f| json!({
+            "points": [f.found_points, f.visible_points],
+            "lines": [f.found_lines, f.visible_lines],
+        })),
         "focal_px": report.camera.focal_px().0,
         "camera_source": format!("{:?}", report.camera_source).to_lowercase(),
         "total_ms": report.timings.total_ms,

@@ -7,6 +7,7 @@ mod html;
 mod lines;
 mod peer;
 mod plots;
+mod reliability;
 mod report;
 mod run;
 
@@ -15,6 +16,7 @@ pub use compare::Comparison;
 pub use held_out::{held_out, held_range, pose_error};
 pub use lines::{LineAccuracy, LineTruth, MAX_LINE_ANGLE_DEG, MAX_LINE_DISTANCE};
 pub use peer::{FullMatching, NUM_PICTURES};
+pub use reliability::Reliability;
 pub use report::{Subject, per_image_csv, table, to_json, write_report};
 pub use run::{
     EvalError, EvalOptions, Evaluation, Evaluator, ImageResult, MethodResult, solver_options,

@@ -66,6 +66,9 @@ pub fn table(evaluation: &Evaluation) -> String {
     if let Some(lines) = &evaluation.lines {
         let _ = writeln!(out, "{}", lines.text(&ruler));
     }
+    if evaluation.images.iter().any(|i| i.confidence.is_some()) {
+        let _ = writeln!(out, "{}", evaluation.reliability.text(&ruler));
+    }
     out
 }
 
@@ -108,6 +111,11 @@ pub fn to_json(evaluation: &Evaluation, subject: &Subject) -> serde_json::Value 
         "median_ms": stages,
         "points_and_lines_against_points": evaluation.comparison,
         "lines": evaluation.lines,
+        "reliability": {
+            "bins": evaluation.reliability.bins,
+            "calibration_error": evaluation.reliability.calibration_error(),
+            "confident_wrong": evaluation.reliability.num_confident_wrong,
+        },
         "images": evaluation.images.iter().map(|image| json!({
             "name": image.name,
             "methods": image.methods,
@@ -117,6 +125,7 @@ pub fn to_json(evaluation: &Evaluation, subject: &Subject) -> serde_json::Value 
                 "points": [f.found_points, f.visible_points],
                 "lines": [f.found_lines, f.visible_lines],
             })),
+            "confidence": image.confidence,
             "total_ms": image.total_ms,
         })).collect::<Vec<_>>(),
     })

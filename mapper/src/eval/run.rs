@@ -5,7 +5,7 @@
 use super::baseline::Landmarks;
 use super::lines::{LineAccuracy, LineTruth};
 use super::peer::{FullMatching, NUM_PICTURES};
-use super::{Comparison, PoseError, Summary};
+use super::{Comparison, PoseError, Reliability, Summary};
 use crate::dataset::DatasetImage;
 use crate::extract::{ExtractError, Extraction};
 use crate::picture::{self, PictureError};
@@ -87,6 +87,8 @@ pub struct ImageResult {
     pub lines: Option<LineAccuracy>,
     /// What the second look found again, where there was one.
     pub found_again: Option<FoundAgain>,
+    /// How sure the scene's own answer is, where there is one.
+    pub confidence: Option<f64>,
     /// Of the relocalizer, without reading the picture.
     pub total_ms: f64,
     /// Grey and resize, features, lines, networks, solver, second look.
@@ -145,6 +147,8 @@ pub struct Evaluation {
     pub comparison: Option<Comparison>,
     /// Predicted segments against triangulated ones, over all pictures.
     pub lines: Option<LineAccuracy>,
+    /// What the confidence of the scene's own answers is worth.
+    pub reliability: Reliability,
     /// Unit of all positions and thresholds.
     pub units: Units,
 }
@@ -284,7 +288,9 @@ impl<'a> Evaluator<'a> {
             median(&|r| r.stages_ms[5]),
             median(&|r| r.total_ms),
         ];
+        let own = |r: &ImageResult| r.confidence.zip(r.methods.first()?.error);
         Ok(Evaluation {
+            reliability: Reliability::of(results.iter().filter_map(own)),
             methods,
             images: results,
             median_ms,
@@ -395,6 +401,7 @@ impl<'a> Evaluator<'a> {
             cam_from_world,
             lines: line_accuracy,
             found_again: report.found_again,
+            confidence: report.outcome.located().map(|l| l.confidence),
             total_ms: t.total_ms,
             stages_ms: [
                 t.preprocess_ms,

@@ -122,6 +122,23 @@ impl Camera {
         }
     }
 
+    /// The camera for pictures of another size, taken to be the same pictures resized; `None` where the shape differs by more
+    /// than a size rounded to whole pixels does.
+    pub fn for_size(&self, width: u32, height: u32) -> Option<Self> {
+        let (from_width, from_height) = (f64::from(self.width), f64::from(self.height));
+        let (scale_x, scale_y) = (
+            f64::from(width) / from_width,
+            f64::from(height) / from_height,
+        );
+        let off_px = (from_height * scale_x - f64::from(height)).abs();
+        let is_same_shape = width > 0 && height > 0 && off_px.min(off_px / scale_x) <= 1.0;
+        is_same_shape.then(|| Self {
+            width,
+            height,
+            ..self.resized(&PixelMap::<(), ()>::from_scale(scale_x, scale_y))
+        })
+    }
+
     /// The camera of the same picture after a resize or crop. Distortion acts before the focal length, so its parameters
     /// stay; a model with one focal length becomes the one with two when the factors differ.
     pub fn resized<To, From>(&self, map: &PixelMap<To, From>) -> Self {

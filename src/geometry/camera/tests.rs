@@ -255,3 +255,22 @@ fn names_parameters_and_ids_round_trip() {
         );
     }
 }
+
+#[test]
+fn a_camera_serves_resized_pictures_and_no_others() {
+    for camera in models() {
+        let (width, height) = (camera.width, camera.height);
+        let half = camera
+            .for_size(width.div_ceil(2), height.div_ceil(2))
+            .expect("the same shape");
+        let point = Vector3::new(0.2, -0.1, 1.0);
+        let full_px = camera.pixel_from_cam(&point).expect("in front");
+        let half_px = half.pixel_from_cam(&point).expect("in front");
+        let expected = Pixel::new(0.5 * full_px.x, 0.5 * full_px.y);
+        assert!(half_px.distance(expected) < 1.0, "{}", camera.model.name());
+        assert_eq!(camera.for_size(width, height), Some(camera));
+        for (w, h) in [(height, width), (width, height - 9), (0, 0), (width, 0)] {
+            assert_eq!(camera.for_size(w, h), None, "{w}x{h}");
+        }
+    }
+}

@@ -1,6 +1,7 @@
 //! Native tests that cross a module. Keep alphabetical.
 
 mod docs;
+mod follow;
 #[cfg(feature = "webgpu")]
 mod gpu;
 #[cfg(feature = "webgpu")]

@@ -10,6 +10,7 @@ mod labels;
 mod readers;
 mod room;
 mod splits;
+mod teach;
 
 /// Some tests bound the memory that hostile files take.
 #[global_allocator]

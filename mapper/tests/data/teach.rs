@@ -1,0 +1,72 @@
+//! A scene from landmarks alone: made without training, measured on pictures that it does not know, read back from its file.
+
+#[path = "../train/room.rs"]
+mod exact;
+
+use landline::scene_file::{Precision, SceneFile, Timestamp, Units};
+use landline_mapper::teach::{
+    Event, Observer, SceneRequest, TeachError, add_landmarks, measure_landmarks, scene_of_landmarks,
+};
+use nalgebra::Vector3;
+
+#[derive(Default)]
+struct Told(Vec<&'static str>);
+
+impl Observer for Told {
+    fn happened(&mut self, event: &Event<'_>) {
+        self.0.push(match event {
+            Event::Untrained { .. } => "untrained",
+            Event::Landmarks(_) => "landmarks",
+            _ => "other",
+        });
+    }
+}
+
+fn request() -> SceneRequest {
+    SceneRequest {
+        anchors: None,
+        lines: true,
+        hold_out_every: 4,
+        licence: "CC0".to_owned(),
+        created: Timestamp::parse("2026-02-03T12:00:00Z").expect("a moment"),
+        max_bytes: None,
+        precision: Precision::Int8,
+    }
+}
+
+#[test]
+fn landmarks_alone_locate_what_they_do_not_know() {
+    let mut labels = exact::labels(8);
+    labels.map.gravity = Some(Vector3::new(0.0, 1.0, 0.0));
+    let (request, mut told) = (request(), Told::default());
+    let measured = measure_landmarks(&labels, &request, &mut told).expect("there are landmarks");
+    let held_out = measured.expect("two pictures are kept back").held_out;
+    assert_eq!((held_out.num_images, held_out.num_not_located), (2, 0));
+    // Positions are exact; what is left is f16 in a room of two metres.
+    let median = held_out.median_position.expect("all are located");
+    assert!(median < 0.01, "{median}");
+
+    let mut scene = scene_of_landmarks(&labels, &request, measured).expect("there are landmarks");
+    add_landmarks(&mut scene, &labels.map, None, request.precision, &mut told).expect("they fit");
+    assert_eq!(told.0, ["untrained", "landmarks"]);
+    let bytes = scene.to_bytes(request.precision).expect("writes");
+    let read = SceneFile::from_bytes(&bytes).expect("reads").info;
+    assert_eq!(read.units, Units::Metres);
+    assert_eq!(read.gravity, labels.map.gravity);
+    assert_eq!(read.created, Some(request.created));
+    let training = read.training.expect("says how it came about");
+    assert_eq!((training.num_steps, training.num_images), (0, 8));
+    assert_eq!(training.held_out, Some(held_out));
+}
+
+#[test]
+fn a_map_without_points_is_no_scene() {
+    let mut labels = exact::labels(8);
+    labels.map.points.clear();
+    let refused = scene_of_landmarks(&labels, &request(), None);
+    assert!(
+        matches!(refused, Err(TeachError::Model(_))),
+        "{:?}",
+        refused.err()
+    );
+}

@@ -60,7 +60,7 @@ fn main() -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {}", cmd::told(&error));
+            eprintln!("error: {}", landline_mapper::shown::told(&error));
             ExitCode::FAILURE
         }
     }

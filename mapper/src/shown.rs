@@ -23,9 +23,25 @@ pub fn shown(text: &str) -> Cow<'_, str> {
     Cow::Owned(out)
 }
 
+/// What went wrong, outermost first and in one line; a cause that the text before it already ends with is not told again.
+pub fn told(error: &anyhow::Error) -> String {
+    let mut text = String::new();
+    for cause in error.chain().map(|c| shown(&c.to_string()).into_owned()) {
+        if text.ends_with(&cause) {
+            continue;
+        }
+        if !text.is_empty() {
+            text.push_str(": ");
+        }
+        text.push_str(&cause);
+    }
+    text
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use anyhow::Context as _;
 
     #[test]
     fn what_steers_a_terminal_is_escaped_and_nothing_else() {
@@ -34,5 +50,19 @@ mod tests {
             shown("a\u{1b}[2J\r\nb\t\u{9b}31m\u{202e}gpj"),
             "a\\u{1b}[2J\\r\\nb\\t\\u{9b}31m\\u{202e}gpj"
         );
+    }
+
+    #[derive(Debug, thiserror::Error)]
+    #[error("writing room.landline: {source}")]
+    struct Write {
+        source: std::io::Error,
+    }
+
+    #[test]
+    fn causes_are_told_once() {
+        let source = std::io::Error::other("disk full");
+        let error = Err::<(), _>(Write { source }).context("training");
+        let error = error.expect_err("an error");
+        assert_eq!(told(&error), "training: writing room.landline: disk full");
     }
 }

@@ -78,7 +78,7 @@ pub fn run(args: Args) -> Result<()> {
     for path in &args.pictures {
         // A picture that cannot be read does not keep the others from being located.
         if let Err(error) = locate(&mut both, path, given, scene_camera, &args) {
-            eprintln!("error: {}", super::told(&error));
+            eprintln!("error: {}", crate::shown::told(&error));
             num_failed += 1;
         }
     }

@@ -61,6 +61,29 @@ impl Rng {
         }
     }
 
+    /// Fills `out` with distinct values of `draw`; false when sixteen draws in a row gave only what is there already.
+    pub fn distinct(
+        &mut self,
+        out: &mut [usize],
+        mut draw: impl FnMut(&mut Self) -> usize,
+    ) -> bool {
+        for k in 0..out.len() {
+            let mut attempts = 0;
+            loop {
+                let i = draw(self);
+                if !out[..k].contains(&i) {
+                    out[k] = i;
+                    break;
+                }
+                attempts += 1;
+                if attempts == 16 {
+                    return false;
+                }
+            }
+        }
+        true
+    }
+
     /// Standard normal (Box and Muller; one of the pair is used).
     pub fn normal(&mut self) -> f64 {
         let radius = (-2.0 * libm::log(1.0 - self.uniform())).sqrt();

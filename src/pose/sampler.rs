@@ -169,21 +169,7 @@ fn draw_distinct(table: &AliasTable, rng: &mut Rng, out: &mut [usize]) -> bool {
     if table.probability.len() < out.len() {
         return false;
     }
-    for k in 0..out.len() {
-        let mut attempts = 0;
-        loop {
-            let i = table.draw(rng);
-            if !out[..k].contains(&i) {
-                out[k] = i;
-                break;
-            }
-            attempts += 1;
-            if attempts == 16 {
-                return false;
-            }
-        }
-    }
-    true
+    rng.distinct(out, |rng| table.draw(rng))
 }
 
 #[cfg(test)]

@@ -157,26 +157,14 @@ fn iterations_needed(share: f64, sample: usize, options: &RobustOptions) -> usiz
 
 /// Distinct indices below `n`; with `prefers_front` their density falls linearly from the front to nothing at the end.
 fn draw(n: usize, out: &mut [usize], prefers_front: bool, rng: &mut Rng) -> bool {
-    for k in 0..out.len() {
-        let mut attempts = 0;
-        loop {
-            let i = if prefers_front {
-                let (u, v) = (rng.uniform(), rng.uniform());
-                ((u.min(v) * n as f64) as usize).min(n - 1)
-            } else {
-                rng.below(n as u32) as usize
-            };
-            if !out[..k].contains(&i) {
-                out[k] = i;
-                break;
-            }
-            attempts += 1;
-            if attempts == 16 {
-                return false;
-            }
+    rng.distinct(out, |rng| {
+        if prefers_front {
+            let (u, v) = (rng.uniform(), rng.uniform());
+            ((u.min(v) * n as f64) as usize).min(n - 1)
+        } else {
+            rng.below(n as u32) as usize
         }
-    }
-    true
+    })
 }
 
 #[cfg(test)]

@@ -34,6 +34,24 @@ fn mean_key<'a>(
     key
 }
 
+/// The `count` tracks that cover the pictures best, each with the observations that landmarks may know. A track is told by its
+/// observations and its error.
+fn chosen<'a>(
+    map: &Reconstruction,
+    tracks: impl Iterator<Item = (&'a [Observation], f32)>,
+    held: &Range<usize>,
+    count: usize,
+) -> Vec<(usize, Vec<Observation>)> {
+    let (mut observations, errors): (Vec<_>, Vec<_>) = tracks
+        .map(|(seen, error)| (kept(seen, held), error))
+        .unzip();
+    let slices: Vec<&[Observation]> = observations.iter().map(Vec::as_slice).collect();
+    cover(&slices, |t| errors[t], map.views.len(), count)
+        .into_iter()
+        .map(|t| (t, std::mem::take(&mut observations[t])))
+        .collect()
+}
+
 /// Point landmarks: mean descriptors and positions, of tracks outside the held-out pictures.
 pub fn point_anchors(
     map: &Reconstruction,
@@ -41,17 +59,14 @@ pub fn point_anchors(
     scale: &SceneScale,
     count: usize,
 ) -> Vec<Anchor> {
-    let observations: Vec<Vec<Observation>> = map
+    let tracks = map
         .points
         .iter()
-        .map(|p| kept(&p.observations, held))
-        .collect();
-    let slices: Vec<&[Observation]> = observations.iter().map(Vec::as_slice).collect();
-    let error = |t: usize| map.points[t].mean_error_px;
-    cover(&slices, error, map.views.len(), count)
+        .map(|p| (p.observations.as_slice(), p.mean_error_px));
+    chosen(map, tracks, held, count)
         .into_iter()
-        .map(|t| Anchor {
-            key: mean_key(&observations[t], map.descriptor_channels(), |o| {
+        .map(|(t, observations)| Anchor {
+            key: mean_key(&observations, map.descriptor_channels(), |o| {
                 let view = map.views.get(o.view as usize)?;
                 view.features.descriptor(o.feature as usize)
             }),
@@ -67,25 +82,22 @@ pub fn line_anchors(
     scale: &SceneScale,
     count: usize,
 ) -> Vec<Anchor> {
-    let observations: Vec<Vec<Observation>> = map
+    let tracks = map
         .lines
         .iter()
-        .map(|l| kept(&l.observations, held))
-        .collect();
-    let slices: Vec<&[Observation]> = observations.iter().map(Vec::as_slice).collect();
-    let error = |t: usize| map.lines[t].mean_error_px;
-    cover(&slices, error, map.views.len(), count)
+        .map(|l| (l.observations.as_slice(), l.mean_error_px));
+    chosen(map, tracks, held, count)
         .into_iter()
-        .map(|t| {
+        .map(|(t, observations)| {
             let track = &map.lines[t];
             let is_reversed = |o: &&Observation| map.is_reversed(track, **o);
-            let reversed = observations[t].iter().filter(is_reversed).count();
+            let reversed = observations.iter().filter(is_reversed).count();
             let mut ends = [track.start_in_world, track.end_in_world];
-            if 2 * reversed > observations[t].len() {
+            if 2 * reversed > observations.len() {
                 ends.swap(0, 1);
             }
             Anchor {
-                key: mean_key(&observations[t], map.descriptor_channels(), |o| {
+                key: mean_key(&observations, map.descriptor_channels(), |o| {
                     let view = map.views.get(o.view as usize)?;
                     view.features.segment_descriptors(o.feature as usize)
                 }),

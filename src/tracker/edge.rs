@@ -3,6 +3,7 @@
 //!
 //! Positions are index coordinates of the picture.
 
+use super::patch::interpolate;
 use crate::image::GrayImage;
 
 /// Normals of one edge, at most.
@@ -207,13 +208,7 @@ fn bilinear(image: &GrayImage, [x, y]: [f32; 2]) -> Option<f32> {
     if left + 1 >= image.width || top + 1 >= image.height {
         return None;
     }
-    let (right, down) = (x - left as f32, y - top as f32);
-    let first = top * image.width + left;
-    let [a, b] = [image.data[first], image.data[first + 1]].map(f32::from);
-    let below = first + image.width;
-    let [c, d] = [image.data[below], image.data[below + 1]].map(f32::from);
-    let upper = a + right * (b - a);
-    Some(upper + down * (c + right * (d - c) - upper))
+    Some(interpolate(image, [left, top], [x, y]))
 }
 
 #[cfg(test)]

@@ -342,14 +342,20 @@ fn sample<const N: usize>(
                 (at_x as usize).min(image.width - 2),
                 (at_y as usize).min(image.height - 2),
             );
-            let (right, down) = (at_x - left as f32, at_y - top as f32);
-            let first = top * image.width + left;
-            let [a, b] = [image.data[first], image.data[first + 1]].map(f32::from);
-            let below = first + image.width;
-            let [c, d] = [image.data[below], image.data[below + 1]].map(f32::from);
-            let upper = a + right * (b - a);
-            *value = upper + down * (c + right * (d - c) - upper);
+            *value = interpolate(image, [left, top], [at_x, at_y]);
         }
     }
     true
+}
+
+/// Grey value between four pixels, of which `left_top` is the first; the last row and column are none.
+#[inline]
+pub(super) fn interpolate(image: &GrayImage, [left, top]: [usize; 2], [x, y]: [f32; 2]) -> f32 {
+    let (right, down) = (x - left as f32, y - top as f32);
+    let first = top * image.width + left;
+    let [a, b] = [image.data[first], image.data[first + 1]].map(f32::from);
+    let below = first + image.width;
+    let [c, d] = [image.data[below], image.data[below + 1]].map(f32::from);
+    let upper = a + right * (b - a);
+    upper + down * (c + right * (d - c) - upper)
 }

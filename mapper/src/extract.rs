@@ -246,11 +246,7 @@ fn for_content(
     for v in segments.into_iter().flatten().flatten() {
         hasher.update(v.to_le_bytes());
     }
-    let digest: String = hasher
-        .finalize()
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect();
+    let digest = hasher.finalize();
     let what = if segments.is_some() {
         "picture and segments"
     } else {
@@ -258,7 +254,7 @@ fn for_content(
     };
     Ok(FeatureCache::new(
         cache.folder(),
-        format!("{} {what} {digest}", cache.maker()),
+        format!("{} {what} {digest:x}", cache.maker()),
     ))
 }
 

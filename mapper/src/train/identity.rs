@@ -46,10 +46,9 @@ impl Identity {
             ends.for_each(|v| hash.real(v));
             hash.observations(&track.observations);
         }
-        let digest = hash.0.finalize();
         Self {
             options: options.clone(),
-            labels_sha256: digest.iter().map(|b| format!("{b:02x}")).collect(),
+            labels_sha256: format!("{:x}", hash.0.finalize()),
         }
     }
 

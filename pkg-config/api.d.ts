@@ -115,6 +115,8 @@ export {};
 // ---- assets.d.ts
 
 import type { BytesSource, LoadedFile, ProgressEvent } from "./types.js";
+/** A download of which nothing arrives for so long is given up, when the caller does not say. */
+export declare const usualStallMs = 30000;
 /** The most bytes of a file, announced or not; that of scenes and weights is the format's own limit. */
 export declare const maxBytes: Readonly<Record<LoadedFile, number>>;
 export interface LoadOptions {

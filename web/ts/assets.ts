@@ -15,6 +15,8 @@ const checksumHeader = "x-landline-sha256";
 const versionHeaders = ["etag", "last-modified"] as const;
 /** A server that takes longer to say whether a kept file is still right is not waited for. */
 const askTimeoutMs = 4000;
+/** A download of which nothing arrives for so long is given up, when the caller does not say. */
+export const usualStallMs = 30_000;
 /** The most bytes of a file, announced or not; that of scenes and weights is the format's own limit. */
 export const maxBytes: Readonly<Record<LoadedFile, number>> = { engine: 1 << 26, extractor: 1 << 29, scene: 1 << 29 };
 /** No announcement is believed beyond this: buffers grow as bytes arrive. */
@@ -119,7 +121,7 @@ function tooLarge(file: LoadedFile, from: string, announced: number): LandlineEr
 
 /** Collects a stream into one buffer that grows with what arrives. */
 async function collect(stream: ReadableStream<Uint8Array>, announced: number, from: string, onBytes: (loaded: number) => void, options: LoadOptions): Promise<Uint8Array> {
-  const { file, signal, stallTimeoutMs = 30_000 } = options;
+  const { file, signal, stallTimeoutMs = usualStallMs } = options;
   const limit = maxBytes[file];
   if (announced > limit) {
     await stream.cancel().catch(() => undefined);
@@ -225,8 +227,7 @@ function baseUrl(): string | undefined {
 }
 
 async function request(url: string, options: LoadOptions, fresh: boolean): Promise<Response> {
-  const { file, signal } = options;
-  const { stallTimeoutMs = 30_000 } = options;
+  const { file, signal, stallTimeoutMs = usualStallMs } = options;
   const timeoutMs = fresh ? Math.min(askTimeoutMs, stallTimeoutMs) : stallTimeoutMs;
   const stop = new AbortController();
   const forward = (): void => stop.abort(signal?.reason);

@@ -1,5 +1,5 @@
 /** Loads and compiles the engine's wasm. */
-import { load, maxBytes } from "./assets.js";
+import { load, maxBytes, usualStallMs } from "./assets.js";
 import { LandlineError } from "./errors.js";
 import { hasSimd, isNode } from "./support.js";
 import type { CreateOptions } from "./types.js";
@@ -37,7 +37,7 @@ function cannotCompile(error: unknown): LandlineError {
 async function compileFromUrl(url: string, options: InitOptions): Promise<WebAssembly.Module> {
   // Streaming compiles while downloading, and lets the browser keep the machine code; it insists on the MIME type.
   if (!isNode() && typeof WebAssembly.compileStreaming === "function") {
-    const { stallTimeoutMs = 30_000 } = options;
+    const { stallTimeoutMs = usualStallMs } = options;
     const stop = new AbortController();
     const forward = (): void => stop.abort(options.signal?.reason);
     options.signal?.addEventListener("abort", forward, { once: true });

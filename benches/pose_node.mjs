@@ -1,4 +1,4 @@
-// Solves the problems of a `.plb` file in WebAssembly under Node; prints one JSON line for each, as `landline pose` does.
+// Solves the problems of a `.plb` file in WebAssembly under Node; prints one JSON line for each, as the mapper's example `pose_problems` does.
 //
 //     node benches/pose_node.mjs PACKAGE FILE.plb TAU_POINTS TAU_LINES [REPEAT]
 //

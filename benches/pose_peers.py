@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Solves the same pose problems with `landline pose` and with PoseLib in one run, one thread each, and prints a table.
+"""Solves the same pose problems with Landline and with PoseLib in one run, one thread each, and prints a table.
 
-    cargo build --release -p landline-mapper --no-default-features
-    python3 benches/pose_peers.py target/release/landline FOLDER [--settings a,b] [--wasm PACKAGE] [--budget 60] [--json OUT]
+    cargo build --release -p landline-mapper --no-default-features --example pose_problems
+    python3 benches/pose_peers.py target/release/examples/pose_problems FOLDER [--settings a,b] [--wasm PACKAGE] [--budget 60] [--json OUT]
 
 Needs numpy and poselib. FOLDER holds `.plb` files (format: testkit/src/problem_file.rs). Times are processor milliseconds of the
 solving thread, the median over the problems; ours after one warm-up, the median of --repeat. PoseLib is called as PL2Map calls it
@@ -157,7 +157,7 @@ def main():
         problems = read(path)
         if not problems:
             raise SystemExit(f"{path} holds no problem")
-        rows, poses = our_rows(problems, [args.landline, "pose", path, *tau, "--repeat", str(args.repeat)])
+        rows, poses = our_rows(problems, [args.landline, path, *tau, "--repeat", str(args.repeat)])
         result = results[name] = dict(landline=summary(rows, len(problems)))
         for method, solve in methods(*args.tau).items():
             if method.startswith("pnp,") or method == "pnp":

@@ -18,7 +18,6 @@ pub mod picture;
 mod plot;
 pub mod posing;
 pub mod progress;
-pub mod replay;
 pub mod run_lock;
 pub mod scene;
 pub mod shown;

@@ -29,9 +29,7 @@ enum Command {
     Lines(cmd::lines::Args),
     Locate(cmd::locate::Args),
     Map(cmd::map::Args),
-    Pose(cmd::pose::Args),
     Poses(cmd::poses::Args),
-    Track(cmd::track::Args),
     #[cfg(feature = "train")]
     Train(cmd::train::Args),
 }
@@ -51,9 +49,7 @@ fn main() -> ExitCode {
         Command::Lines(args) => cmd::lines::run(args),
         Command::Locate(args) => cmd::locate::run(args),
         Command::Map(args) => cmd::map::run(args),
-        Command::Pose(args) => cmd::pose::run(args),
         Command::Poses(args) => cmd::poses::run(args),
-        Command::Track(args) => cmd::track::run(args),
         #[cfg(feature = "train")]
         Command::Train(args) => cmd::train::run(args),
     };

@@ -1,5 +1,5 @@
 //! Test support of landline. Used by `tests/`, `benches/` and the tests of `mapper` and `web`; the core's unit tests
-//! keep their data inline. The mapper renders the demo's sample scene with [`room`].
+//! keep their data inline. The examples of `mapper` render the demo's sample scene and walks with [`room`].
 
 mod data;
 mod lsd;

@@ -174,6 +174,29 @@ fn unsafe_code_stays_in_kernels() {
     );
 }
 
+/// Test support is asked for by tests, benches and examples; it is not built into what ships.
+#[test]
+fn what_ships_does_not_depend_on_test_support() {
+    for crate_folder in ["", "web/", "mapper/"] {
+        let manifest = format!("{crate_folder}Cargo.toml");
+        let text = tree::read(&manifest);
+        let mut section = "";
+        let mut is_used_by_tests = false;
+        for line in text.lines() {
+            if line.starts_with('[') {
+                section = line;
+            } else if line.starts_with("landline-testkit.") {
+                assert!(
+                    section == "[dev-dependencies]",
+                    "{manifest}: {line} in {section}"
+                );
+                is_used_by_tests = true;
+            }
+        }
+        assert!(is_used_by_tests, "{manifest} is not read rightly");
+    }
+}
+
 /// Fused and approximate operations give other last digits on other machines; where native and wasm have to agree,
 /// they are not used.
 #[test]

@@ -13,8 +13,6 @@ pub mod landmarks;
 pub mod lines;
 pub mod locate;
 pub mod map;
-pub mod pose;
 pub mod poses;
-pub mod track;
 #[cfg(feature = "train")]
 pub mod train;

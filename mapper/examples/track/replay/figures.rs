@@ -1,18 +1,18 @@
 //! What was shown, and figures over all frames.
 
 use super::{Located, Video, marks};
-use crate::eval::PoseError;
 use landline::geometry::{CamFromWorld, Pixel};
+use landline_mapper::eval::PoseError;
 
 /// What stands on the screen at a frame.
 #[derive(Debug, Clone, Default)]
-pub struct Shown {
+pub(crate) struct Shown {
     /// The frame.
-    pub frame: usize,
+    pub(crate) frame: usize,
     /// Of the pose; `None` without one or without a true one.
-    pub error: Option<PoseError>,
+    pub(crate) error: Option<PoseError>,
     /// Median distance of the drawn points from where they belong, pixels.
-    pub overlay_px: Option<f64>,
+    pub(crate) overlay_px: Option<f64>,
     /// The drawn points.
     drawn: Vec<Option<Pixel>>,
 }
@@ -53,7 +53,7 @@ impl Shown {
     }
 
     /// Median movement of the same marks from one frame to the next: for a still camera the trembling.
-    pub fn movement_px(&self, before: &Self) -> Option<f64> {
+    pub(crate) fn movement_px(&self, before: &Self) -> Option<f64> {
         let pairs = self.drawn.iter().zip(&before.drawn);
         let mut moved: Vec<f64> = pairs
             .filter_map(|(a, b)| Some((*a)?.distance((*b)?)))
@@ -63,26 +63,26 @@ impl Shown {
 }
 
 /// A quantile; reorders.
-pub fn quantile(values: &mut [f64], fraction: f64) -> Option<f64> {
+pub(crate) fn quantile(values: &mut [f64], fraction: f64) -> Option<f64> {
     landline::math::stats::quantile_in_place(values, fraction)
 }
 
 /// Figures over frames; one without a pose counts as infinitely far.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Figures {
+pub(crate) struct Figures {
     /// Frames, and those with a pose.
-    pub frames: (usize, usize),
+    pub(crate) frames: (usize, usize),
     /// Median and 90 % of the position, world units.
-    pub position: [f64; 2],
+    pub(crate) position: [f64; 2],
     /// Median and 90 % of the rotation.
-    pub rotation_deg: [f64; 2],
+    pub(crate) rotation_deg: [f64; 2],
     /// Median and 90 % of the overlay.
-    pub overlay_px: [f64; 2],
+    pub(crate) overlay_px: [f64; 2],
 }
 
 impl Figures {
     /// Sums up.
-    pub fn of(shown: &[Shown]) -> Self {
+    pub(crate) fn of(shown: &[Shown]) -> Self {
         let of = |value: &dyn Fn(&Shown) -> Option<f64>| -> [f64; 2] {
             let mut values: Vec<f64> = shown
                 .iter()
@@ -102,7 +102,7 @@ impl Figures {
     }
 
     /// One row of a table in Markdown.
-    pub fn row(&self, name: &str) -> String {
+    pub(crate) fn row(&self, name: &str) -> String {
         let [p50, p90] = self.position.map(|v| 100.0 * v);
         let [r50, r90] = self.rotation_deg;
         let [o50, o90] = self.overlay_px;
@@ -113,5 +113,5 @@ impl Figures {
     }
 
     /// Heading of the rows.
-    pub const HEADING: &'static str = "| | frames with a pose | position, hundredths of a unit, median and 90 % | rotation, degrees | overlay, pixels |\n| --- | --- | --- | --- | --- |";
+    pub(crate) const HEADING: &'static str = "| | frames with a pose | position, hundredths of a unit, median and 90 % | rotation, degrees | overlay, pixels |\n| --- | --- | --- | --- | --- |";
 }

@@ -11,9 +11,9 @@ mod figures;
 mod soak;
 mod video;
 
-pub use figures::{Figures, Shown, quantile};
-pub use soak::{Soak, soak};
-pub use video::{Picture, Video, rendered};
+pub(crate) use figures::{Figures, Shown, quantile};
+pub(crate) use soak::soak;
+pub(crate) use video::{Picture, Video, rendered};
 
 use anyhow::{Context, Result};
 use landline::geometry::{CamFromWorld, Camera};
@@ -26,7 +26,7 @@ use std::time::Instant;
 
 /// What the relocalizer says about one frame.
 #[derive(Debug, Clone)]
-pub struct Located {
+pub(crate) struct Located {
     cam_from_world: CamFromWorld,
     covariance: Matrix6<f64>,
     camera: Camera,
@@ -36,7 +36,7 @@ pub struct Located {
 
 impl Located {
     /// The pose.
-    pub fn pose(&self) -> CamFromWorld {
+    pub(crate) fn pose(&self) -> CamFromWorld {
         self.cam_from_world
     }
 
@@ -52,18 +52,18 @@ impl Located {
 
 /// How the relocalizer is simulated.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Simulation {
+pub(crate) struct Simulation {
     /// Pictures a second.
-    pub fps: f64,
+    pub(crate) fps: f64,
     /// Shortest and longest time from a frame to its answer.
-    pub latency_ms: (f64, f64),
+    pub(crate) latency_ms: (f64, f64),
     /// No answers arrive after this time.
-    pub answers_until_ms: f64,
+    pub(crate) answers_until_ms: f64,
 }
 
 impl Picture {
     /// As the core takes it.
-    pub fn view(&self) -> FrameView<'_> {
+    pub(crate) fn view(&self) -> FrameView<'_> {
         let (width, height) = (self.camera.width, self.camera.height);
         FrameView::tight(&self.rgb, width, height, PixelFormat::Rgb8)
     }
@@ -73,7 +73,7 @@ impl Picture {
 ///
 /// # Errors
 /// When a frame is refused.
-pub fn locate_all(
+pub(crate) fn locate_all(
     relocalizer: &mut Relocalizer,
     video: &Video,
     mut done: impl FnMut(),
@@ -113,26 +113,26 @@ fn hand_over(follower: &mut Follower, located: &Located, frame: u64) {
 
 /// What both ways show at every frame from the first answer on.
 #[derive(Debug, Clone, Default)]
-pub struct Replay {
+pub(crate) struct Replay {
     /// The last answer over the newest frame.
-    pub before: Vec<Shown>,
+    pub(crate) before: Vec<Shown>,
     /// The follower's pose.
-    pub after: Vec<Shown>,
+    pub(crate) after: Vec<Shown>,
     /// Reports of the follower.
-    pub reports: Vec<FollowReport>,
+    pub(crate) reports: Vec<FollowReport>,
     /// The follower's time for each frame.
-    pub frame_ms: Vec<f64>,
+    pub(crate) frame_ms: Vec<f64>,
     /// The follower's time for each answer.
-    pub answer_ms: Vec<f64>,
+    pub(crate) answer_ms: Vec<f64>,
     /// Of the last answer that was taken: its frame.
-    pub last_answer: Option<usize>,
+    pub(crate) last_answer: Option<usize>,
 }
 
 /// Simulates.
 ///
 /// # Errors
 /// When a frame is refused.
-pub fn replay(
+pub(crate) fn replay(
     video: &Video,
     located: &[Option<Located>],
     simulation: &Simulation,
@@ -184,7 +184,7 @@ pub fn replay(
 }
 
 /// Each frame with its own answer, as if it came at once.
-pub fn at_once(video: &Video, located: &[Option<Located>]) -> Vec<Shown> {
+pub(crate) fn at_once(video: &Video, located: &[Option<Located>]) -> Vec<Shown> {
     let all = located.iter().enumerate();
     all.map(|(i, l)| Shown::at(i, l.as_ref().map(|l| l.cam_from_world), video, located))
         .collect()

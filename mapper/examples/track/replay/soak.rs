@@ -9,21 +9,21 @@ use landline::session::{FollowOptions, FollowState, Follower};
 
 /// What a soak gives.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Soak {
+pub(crate) struct Soak {
     /// Frames.
-    pub num_frames: usize,
+    pub(crate) num_frames: usize,
     /// Frames whose picture was usable, and those of them with a pose.
-    pub usable: (usize, usize),
+    pub(crate) usable: (usize, usize),
     /// Things that went wrong.
-    pub num_faults: usize,
+    pub(crate) num_faults: usize,
     /// Most answers that were needed after a fault until there was a pose again.
-    pub most_answers: usize,
+    pub(crate) most_answers: usize,
     /// Poses further than a tenth of a unit or five degrees from the truth.
-    pub num_wrong: usize,
+    pub(crate) num_wrong: usize,
     /// Bytes of kept pictures after a tenth of the frames, and at the end.
-    pub bytes: [usize; 2],
+    pub(crate) bytes: [usize; 2],
     /// Whether every state came and went.
-    pub num_states: usize,
+    pub(crate) num_states: usize,
 }
 
 /// What is wrong with a frame.
@@ -51,7 +51,7 @@ const FAULTS: [Fault; 6] = [
 ///
 /// # Errors
 /// When a frame is refused, which none should be.
-pub fn soak(
+pub(crate) fn soak(
     video: &Video,
     located: &[Option<Located>],
     options: FollowOptions,

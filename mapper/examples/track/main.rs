@@ -1,23 +1,26 @@
-//! `landline track`: a pose for every frame of a video, beside localisation alone.
+//! A pose for every frame of a video, beside localisation alone: the figures of `docs/benchmarks/tracking.md`.
 
-use crate::dataset::{DataArgs, DatasetImage, Split, open};
-use crate::progress::Progress;
-use crate::replay::{
-    Figures, Located, Replay, Simulation, Video, at_once, locate_all, rendered, replay, soak,
-};
-use crate::scene::{ExtractorArgs, KernelArgs, read_scene, relocalizer};
+mod replay;
+
 use anyhow::{Context, Result, bail};
+use clap::Parser;
 use landline::relocalizer::RelocalizerOptions;
 use landline::session::FollowOptions;
+use landline_mapper::dataset::{DataArgs, DatasetImage, Split, open};
+use landline_mapper::progress::Progress;
+use landline_mapper::scene::{ExtractorArgs, KernelArgs, read_scene, relocalizer};
 use landline_testkit::room::Look;
+use replay::{
+    Figures, Located, Replay, Simulation, Video, at_once, locate_all, rendered, replay, soak,
+};
 use std::path::PathBuf;
 
 /// Play pictures as a video: what stands on the screen with tracking and without.
 ///
 /// The test pictures of a data set are played in their order; `around:10` in place of a data set is a walk of ten seconds through
 /// the demo's rendered room, looking around, and `ahead:10` one that turns all the time. A relocalizer with the latency of a browser's is simulated beside.
-#[derive(Debug, clap::Args)]
-pub struct Args {
+#[derive(Debug, Parser)]
+struct Args {
     /// The scene file.
     scene: PathBuf,
     #[command(flatten)]
@@ -46,11 +49,8 @@ pub struct Args {
     soak: Option<usize>,
 }
 
-/// Plays.
-///
-/// # Errors
-/// When a file cannot be read or there are no pictures.
-pub fn run(args: Args) -> Result<()> {
+fn main() -> Result<()> {
+    let args = Args::parse();
     let (scene, _) = read_scene(&args.scene)?;
     let extractor = args.extractor.read()?;
     let change = |options: &mut RelocalizerOptions| options.kernels = args.kernels.level();
@@ -84,7 +84,7 @@ pub fn run(args: Args) -> Result<()> {
     println!("{}", Figures::of(&played.after).row("after: tracked"));
     print_times(&args, &played);
     if let Some(path) = &args.csv {
-        crate::files::write_bytes(path, csv(&played).as_bytes())?;
+        landline_mapper::files::write_bytes(path, csv(&played).as_bytes())?;
     }
     print_drift(&video, &located, &simulation, options)?;
     print_still(&video, &located, &simulation, options)?;
@@ -148,9 +148,7 @@ fn csv(played: &Replay) -> String {
 }
 
 fn print_times(args: &Args, played: &Replay) {
-    let of = |values: &[f64], q: f64| {
-        crate::replay::quantile(&mut values.to_vec(), q).unwrap_or(f64::NAN)
-    };
+    let of = |values: &[f64], q: f64| replay::quantile(&mut values.to_vec(), q).unwrap_or(f64::NAN);
     println!(
         "tracker, {} kernels: a frame {:.2} ms (median), {:.2} ms (99 %); an answer {:.2} ms (median), {:.2} ms (most)",
         args.kernels.level().name(),
@@ -237,8 +235,8 @@ fn print_still(
         .windows(2)
         .filter_map(|pair| pair[1].movement_px(&pair[0]))
         .collect();
-    let most = crate::replay::quantile(&mut moved, 1.0).unwrap_or(f64::NAN);
-    let median = crate::replay::quantile(&mut moved, 0.5).unwrap_or(f64::NAN);
+    let most = replay::quantile(&mut moved, 1.0).unwrap_or(f64::NAN);
+    let median = replay::quantile(&mut moved, 0.5).unwrap_or(f64::NAN);
     println!(
         "still camera, noise of 4 levels: {median:.3} px from frame to frame (median), {most:.3} px (most)"
     );

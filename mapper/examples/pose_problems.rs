@@ -1,6 +1,7 @@
-//! `landline pose`: solves recorded pose problems and prints one JSON object for each.
+//! Solves recorded pose problems and prints one JSON object for each: our side of `benches/pose_peers.py`.
 
 use anyhow::{Context, Result, bail};
+use clap::Parser;
 use cpu_time::ThreadTime;
 use landline::pose::{Focal, PoseOptions, PoseOutcome, PoseScratch, PoseStatus, estimate};
 use landline_testkit::problem_file;
@@ -9,8 +10,8 @@ use std::io::Write;
 use std::path::PathBuf;
 
 /// Solves the pose problems of a `.plb` file; one JSON object a line.
-#[derive(Debug, clap::Args)]
-pub struct Args {
+#[derive(Debug, Parser)]
+struct Args {
     /// Problems with ground truth (`.plb`)
     file: PathBuf,
     /// Largest reprojection error of an inlier point, in pixels
@@ -52,11 +53,8 @@ struct Line<'a> {
     inliers_l: Vec<u8>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-/// When the file cannot be read or an option has no meaning.
-pub fn run(args: Args) -> Result<()> {
+fn main() -> Result<()> {
+    let args = Args::parse();
     let name = args.file.display();
     let bytes = std::fs::read(&args.file).with_context(|| format!("reading {name}"))?;
     let problems = problem_file::parse(&bytes).with_context(|| format!("in {name}"))?;

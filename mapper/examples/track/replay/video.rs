@@ -1,31 +1,31 @@
 //! Where the pictures come from.
 
-use crate::dataset::DatasetImage;
-use crate::picture;
 use anyhow::{Context, Result};
 use landline::geometry::{CamFromWorld, Camera, Pixel};
+use landline_mapper::dataset::DatasetImage;
+use landline_mapper::picture;
 use landline_testkit::room::{Look, RenderOptions, Room, video_views};
 use nalgebra::Vector3;
 use std::path::Path;
 
 /// One picture of a video.
 #[derive(Debug, Clone)]
-pub struct Picture {
+pub(crate) struct Picture {
     /// Rows of three bytes a pixel.
-    pub rgb: Vec<u8>,
+    pub(crate) rgb: Vec<u8>,
     /// Its camera.
-    pub camera: Camera,
+    pub(crate) camera: Camera,
     /// True pose, where it is known.
-    pub cam_from_world: Option<CamFromWorld>,
+    pub(crate) cam_from_world: Option<CamFromWorld>,
     /// World points behind some pixels, where they are known exactly.
-    pub marks: Vec<Vector3<f64>>,
+    pub(crate) marks: Vec<Vector3<f64>>,
 }
 
 /// Pictures in the order of their taking.
 #[derive(Debug, Clone, Default)]
-pub struct Video {
+pub(crate) struct Video {
     /// All of them.
-    pub pictures: Vec<Picture>,
+    pub(crate) pictures: Vec<Picture>,
 }
 
 impl Video {
@@ -33,7 +33,7 @@ impl Video {
     ///
     /// # Errors
     /// When a picture cannot be read.
-    pub fn of_images(images: &[&DatasetImage]) -> Result<Self> {
+    pub(crate) fn of_images(images: &[&DatasetImage]) -> Result<Self> {
         let mut pictures = Vec::with_capacity(images.len());
         for image in images {
             pictures.push(Picture {
@@ -48,7 +48,7 @@ impl Video {
 
     /// The same picture again and again with fresh sensor noise of a standard deviation in grey levels.
     #[must_use]
-    pub fn still(&self, frame: usize, count: usize, noise_levels: f64) -> Self {
+    pub(crate) fn still(&self, frame: usize, count: usize, noise_levels: f64) -> Self {
         let mut rng = landline::math::Rng::from_seed(frame as u64);
         let first = &self.pictures[frame];
         let noisy = |_| Picture {
@@ -76,7 +76,7 @@ const GRID: (u32, u32) = (6, 5);
 ///
 /// # Errors
 /// When the folder cannot be read or written.
-pub fn rendered(
+pub(crate) fn rendered(
     seed: u64,
     look: Look,
     fps: f64,

@@ -16,6 +16,7 @@ mod portable;
 mod pose;
 mod rust;
 mod tree;
+mod words;
 
 #[global_allocator]
 static ALLOCATOR: landline_testkit::CountingAllocator = landline_testkit::CountingAllocator;

@@ -60,6 +60,39 @@ pub(crate) fn identifiers(path: &str) -> Vec<(usize, String)> {
     found
 }
 
+/// Names of the types that a file defines, outside its tests.
+///
+/// # Panics
+/// When it is no Rust.
+pub(crate) fn types(text: &str) -> Vec<String> {
+    struct Types(Vec<String>);
+    impl<'ast> Visit<'ast> for Types {
+        fn visit_item(&mut self, item: &'ast syn::Item) {
+            let name = match item {
+                syn::Item::Enum(item) => Some(&item.ident),
+                syn::Item::Struct(item) => Some(&item.ident),
+                syn::Item::Trait(item) => Some(&item.ident),
+                syn::Item::Type(item) => Some(&item.ident),
+                syn::Item::Union(item) => Some(&item.ident),
+                _ => None,
+            };
+            self.0.extend(name.map(ToString::to_string));
+            visit::visit_item(self, item);
+        }
+
+        fn visit_item_mod(&mut self, item: &'ast syn::ItemMod) {
+            let is_test = |a: &syn::Attribute| matches!(&a.meta, syn::Meta::List(list) if list.path.is_ident("cfg") && list.tokens.to_string() == "test");
+            if !item.attrs.iter().any(is_test) {
+                visit::visit_item_mod(self, item);
+            }
+        }
+    }
+    let file = syn::parse_file(text).expect("the compiler takes it");
+    let mut found = Types(Vec::new());
+    found.visit_file(&file);
+    found.0
+}
+
 struct Finder {
     module: Vec<String>,
     imports: Vec<Import>,

@@ -19,6 +19,7 @@ mod focal_belief;
 mod kernels;
 mod likelihood;
 mod mirror;
+mod noise;
 mod normal;
 mod options;
 mod problem;

@@ -45,7 +45,9 @@ pub enum WorldNoise {
     /// What the correspondences are decides. A regressor gives each pixel one world point; where a good part of the pixels
     /// come with several, they were matched with landmarks. `Negligible` for those, else `Estimated`.
     Automatic,
-    /// From the residuals: right for regressed coordinates, whose errors are continuous and often wider than the thresholds.
+    /// From the residuals, for points and lines each: how wide the errors are, how much of them grows as the world comes near,
+    /// and whether some are exact and the others near misses. Right for regressed coordinates, whose errors are continuous and
+    /// often wider than the thresholds, and for the nearest landmark of each pixel.
     Estimated,
     /// Nothing beside the noise of the pixels: right for matched landmarks, whose outliers are often near misses (the next
     /// stair, the next window) that an estimated noise would take for inliers.

@@ -6,12 +6,11 @@
 //! inlier share of each kind are estimated together with the pose (profile likelihood, expectation maximisation).
 //! Damping is relative to the diagonal (Marquardt), so the unit of length does not matter. No allocation after warm-up.
 
-use super::likelihood::{
-    Frozen, LnProduct, NEGLIGIBLE, Noise, TAIL, odds_at_zero, probability, share_step, student,
-};
+use super::likelihood::{Frozen, LnProduct, NEGLIGIBLE, odds_at_zero};
+use super::noise::{KindNoise, Near, Noise, NoiseFit};
 use super::normal::Normal;
 use super::problem::{Belief, Model, Problem};
-use super::residuals::{self, Row};
+use super::residuals::{self, Residual, Row};
 use super::scoring::evidence;
 use super::soft::{Soft, add_soft};
 use super::watch::Watch;
@@ -24,17 +23,8 @@ const ROUNDS: usize = 4;
 /// Factor on the standard deviations in the first round.
 const FIRST_INFLATION: f64 = 1.6;
 
-/// A correspondence near the model, for the estimation of the noise.
-#[derive(Debug, Clone, Copy)]
-struct Near {
-    r_sq: f64,
-    /// (f / depth)^2
-    gain_sq: f64,
-    /// Odds of being an inlier at zero residual and unit variance.
-    odds: f64,
-    sigma: f64,
-    sigma_px: f64,
-}
+/// Squared ranking sigmas up to which a residual says something about the noise.
+const NEAR_LIMIT: f64 = 400.0;
 
 /// Buffers of the refinement.
 #[derive(Debug, Default)]
@@ -44,8 +34,9 @@ pub(super) struct Refiner {
     quick_points: Vec<f64>,
     quick_lines: Vec<f64>,
     quick_variance: (f64, f64),
-    near: Vec<Near>,
-    values: Vec<f64>,
+    point_noise: KindNoise,
+    line_noise: KindNoise,
+    fit: NoiseFit,
     /// Sum of the odds over each set of alternatives.
     sums: Vec<f64>,
 }
@@ -172,28 +163,23 @@ impl Refiner {
         watch: &mut Watch<'_>,
     ) -> Refined {
         let mut model = *start;
+        // The start is as good as the ranking score made it.
+        let ranking = self.quick_variance.0.max(self.quick_variance.1).sqrt() / sigma_px;
+        let kind = match scale {
+            Scale::Estimated => KindNoise::start(1.0),
+            Scale::Pixels => KindNoise::exact(1.0),
+            Scale::Thresholds => KindNoise::exact(ranking),
+        };
         let mut noise = Noise {
-            px_factor: 1.0,
-            world_sigma: 0.0,
-            point_offset: 0.0,
-            line_offset: 0.0,
+            points: kind,
+            lines: kind,
             gate_sq: 2500.0,
             inflation: FIRST_INFLATION,
         };
         match scale {
-            Scale::Estimated => {
-                noise.world_sigma = self.initial_world_sigma(problem, &model, &noise, sigma_px);
-            }
-            Scale::Pixels => {
-                // The start is as good as the ranking score made it.
-                let ranking = self.quick_variance.0.max(self.quick_variance.1).sqrt();
-                noise.inflation *= (ranking / sigma_px).max(1.0);
-            }
-            Scale::Thresholds => {
-                noise.px_factor =
-                    self.quick_variance.0.min(self.quick_variance.1).sqrt() / sigma_px;
-                noise.gate_sq = 12.0;
-            }
+            Scale::Estimated => {}
+            Scale::Pixels => noise.inflation *= ranking.max(1.0),
+            Scale::Thresholds => noise.gate_sq = 12.0,
         }
         let mut normal = Normal::new();
         for round in 0..ROUNDS {
@@ -207,7 +193,7 @@ impl Refiner {
                     _ => 1.0,
                 };
                 if scale == Scale::Estimated {
-                    self.update_noise(problem, &model, &mut noise, sigma_px);
+                    self.update_noise(problem, &model, &mut noise, round == 1);
                 }
             }
             self.freeze(problem, &model, &noise);
@@ -228,7 +214,7 @@ impl Refiner {
     fn prior_mass(&mut self, problem: &Problem, noise: &Noise) -> f64 {
         let points = problem.points.iter().map(|p| &p.belief);
         let lines = problem.lines.iter().map(|l| &l.belief);
-        let (point_factor, line_factor) = (exp(noise.point_offset), exp(noise.line_offset));
+        let (point_factor, line_factor) = (exp(noise.points.offset), exp(noise.lines.offset));
         let all = points
             .map(|b| (b, point_factor))
             .chain(lines.map(|b| (b, line_factor)));
@@ -248,153 +234,82 @@ impl Refiner {
         mass.ln()
     }
 
-    /// Median over the correspondences within the ranking threshold of what their residual says about the world noise.
-    fn initial_world_sigma(
+    /// Residuals at a model: near ones, and the prior odds of those far off.
+    fn collect_residuals(&mut self, problem: &Problem, model: &Model) {
+        let (fx, fy) = (problem.fx, problem.fy);
+        let f_sq = fx * fy * model.focal * model.focal;
+        let near = |res: &Residual, belief: &Belief, sigma: f64, sigma_px: f64| Near {
+            r_sq: res.squared(),
+            gain_sq: f_sq * res.inverse_depth_sq(),
+            odds: belief.odds_beside_others(),
+            sigma,
+            sigma_px,
+        };
+        self.fit
+            .points
+            .clear(problem.null_point, problem.points.len());
+        for item in &problem.points {
+            let residual = residuals::point(fx, fy, model, item).map(|(res, ..)| res);
+            match residual.filter(|r| r.squared() < NEAR_LIMIT * self.quick_variance.0) {
+                Some(r) => {
+                    self.fit
+                        .points
+                        .near
+                        .push(near(&r, &item.belief, item.sigma, item.sigma_px))
+                }
+                None => self.fit.points.far.push(item.belief.odds_beside_others()),
+            }
+        }
+        self.fit.lines.clear(problem.null_line, problem.lines.len());
+        for item in &problem.lines {
+            let residual = residuals::line(fx, fy, model, item)
+                .filter(|(_, state)| residuals::overlaps(fx, fy, item, state, model.focal))
+                .map(|(res, _)| res);
+            match residual.filter(|r| r.squared() < NEAR_LIMIT * self.quick_variance.1) {
+                Some(r) => {
+                    self.fit
+                        .lines
+                        .near
+                        .push(near(&r, &item.belief, item.sigma, item.sigma_px))
+                }
+                None => self.fit.lines.far.push(item.belief.odds_beside_others()),
+            }
+        }
+    }
+
+    /// Scales and shares of each kind at a model.
+    fn update_noise(
         &mut self,
         problem: &Problem,
         model: &Model,
-        noise: &Noise,
-        sigma_px: f64,
-    ) -> f64 {
-        // Median of a chi-square with two degrees of freedom, over two.
-        const MEDIAN: f64 = 1.386;
-        self.collect_near(problem, model, 17.0, noise);
-        self.values.clear();
-        self.values.extend(
-            self.near
-                .iter()
-                .map(|n| ((n.r_sq / MEDIAN - n.sigma_px * n.sigma_px).max(0.0) / n.gain_sq).sqrt()),
-        );
-        let sigma = crate::math::stats::median_in_place(&mut self.values).unwrap_or(0.0);
-        sigma.max(self.smallest_world_sigma(problem, sigma_px))
-    }
-
-    /// Below this the noise of the world coordinates disappears in that of the pixels.
-    fn smallest_world_sigma(&self, problem: &Problem, sigma_px: f64) -> f64 {
-        0.1 * sigma_px / problem.fx.max(problem.fy)
-    }
-
-    /// Correspondences whose squared residual is below `limit` ranking variances.
-    fn collect_near(&mut self, problem: &Problem, model: &Model, limit: f64, noise: &Noise) {
-        let (point_factor, line_factor) = (
-            odds_at_zero(exp(noise.point_offset), 1.0, problem.null_point),
-            odds_at_zero(exp(noise.line_offset), 1.0, problem.null_line),
-        );
-        let (fx, fy) = (problem.fx, problem.fy);
-        let f_sq = fx * fy * model.focal * model.focal;
-        self.near.clear();
-        for item in &problem.points {
-            if let Some((res, ..)) = residuals::point(fx, fy, model, item) {
-                let r_sq = res.squared();
-                if r_sq < limit * self.quick_variance.0 {
-                    self.near.push(Near {
-                        r_sq,
-                        gain_sq: f_sq * res.inverse_depth_sq(),
-                        odds: item.belief.odds_beside_others() * point_factor,
-                        sigma: item.sigma,
-                        sigma_px: item.sigma_px,
-                    });
-                }
-            }
+        noise: &mut Noise,
+        is_first: bool,
+    ) {
+        self.collect_residuals(problem, model);
+        if is_first {
+            self.fit.choose(noise, 17.0 * self.quick_variance.0);
+        } else {
+            self.fit.improve(noise);
         }
-        for item in &problem.lines {
-            if let Some((res, state)) = residuals::line(fx, fy, model, item) {
-                let r_sq = res.squared();
-                if r_sq < limit * self.quick_variance.1
-                    && residuals::overlaps(fx, fy, item, &state, model.focal)
-                {
-                    self.near.push(Near {
-                        r_sq,
-                        gain_sq: f_sq * res.inverse_depth_sq(),
-                        odds: item.belief.odds_beside_others() * line_factor,
-                        sigma: item.sigma,
-                        sigma_px: item.sigma_px,
-                    });
-                }
-            }
-        }
-    }
-
-    /// One step of profile likelihood in ln world_sigma and one of expectation maximisation in the inlier shares.
-    fn update_noise(&mut self, problem: &Problem, model: &Model, noise: &mut Noise, sigma_px: f64) {
-        // The shares first: posteriors at the current frozen noise against the priors.
-        let (fx, fy) = (problem.fx, problem.fy);
-        self.freeze(problem, model, noise);
-        self.sum_alternatives(problem, model);
-        let factor = exp(noise.point_offset);
-        let (mut found, mut expected) = (0.0, 0.0);
-        for (item, frozen) in problem.points.iter().zip(&self.points) {
-            expected += probability(factor * item.belief.odds_beside_others());
-            if frozen.variance > 0.0
-                && let Some((res, ..)) = residuals::point(fx, fy, model, item)
-            {
-                found += self.posterior(&item.belief, frozen, res.squared());
-            }
-        }
-        noise.point_offset += share_step(found, expected, problem.points.len());
-        let factor = exp(noise.line_offset);
-        (found, expected) = (0.0, 0.0);
-        for (item, frozen) in problem.lines.iter().zip(&self.lines) {
-            expected += probability(factor * item.belief.odds_beside_others());
-            if frozen.variance > 0.0
-                && let Some((res, _)) = residuals::line(fx, fy, model, item)
-            {
-                found += self.posterior(&item.belief, frozen, res.squared());
-            }
-        }
-        noise.line_offset += share_step(found, expected, problem.lines.len());
-        self.collect_near(problem, model, 400.0, noise);
-        let value = |near: &[Near], world: f64| -> f64 {
-            let mut gain = LnProduct::new();
-            for n in near {
-                let s = if n.sigma > 0.0 { n.sigma } else { world };
-                let variance = n.sigma_px * n.sigma_px + n.gain_sq * s * s;
-                let t = 1.0 + n.r_sq / (TAIL * variance);
-                gain.multiply(1.0 + n.odds / (variance * t * t * t));
-            }
-            gain.ln()
-        };
-        let smallest = self.smallest_world_sigma(problem, sigma_px);
-        let mut best = noise.world_sigma;
-        let mut best_value = value(&self.near, best);
-        let mut factor = 1.5;
-        for _ in 0..3 {
-            for candidate in [best * factor, best / factor] {
-                let v = value(&self.near, candidate);
-                if v > best_value && candidate >= smallest {
-                    (best, best_value) = (candidate, v);
-                    break;
-                }
-            }
-            factor = factor.sqrt();
-        }
-        noise.world_sigma = best;
     }
 
     /// Fixes variance and evidence of every correspondence at a model.
     fn freeze(&mut self, problem: &Problem, model: &Model, noise: &Noise) {
         let (fx, fy) = (problem.fx, problem.fy);
         let f_sq = fx * fy * model.focal * model.focal;
+        (self.point_noise, self.line_noise) = (noise.points, noise.lines);
         let inflation = noise.inflation * noise.inflation;
-        let px_factor = noise.px_factor * noise.px_factor;
-        let variance = |sigma: f64, sigma_px: f64, inverse_depth_sq: f64| {
-            let s = if sigma > 0.0 {
-                sigma
-            } else {
-                noise.world_sigma
-            };
-            inflation * (px_factor * sigma_px * sigma_px + f_sq * s * s * inverse_depth_sq)
-        };
         let none = Frozen {
             variance: 0.0,
             odds: 0.0,
         };
-        let (point_factor, line_factor) = (exp(noise.point_offset), exp(noise.line_offset));
+        let (point_factor, line_factor) = (exp(noise.points.offset), exp(noise.lines.offset));
         self.points.clear();
         self.points.extend(problem.points.iter().map(|item| {
             residuals::point(fx, fy, model, item).map_or(none, |(res, ..)| {
-                let v = variance(item.sigma, item.sigma_px, res.inverse_depth_sq());
-                if res.squared() > noise.gate_sq * v {
+                let gain_sq = f_sq * res.inverse_depth_sq();
+                let v = inflation * noise.points.variance(item.sigma_px, item.sigma, gain_sq);
+                if res.squared() > noise.gate_sq * v * noise.points.near * noise.points.near {
                     return none;
                 }
                 Frozen {
@@ -406,8 +321,9 @@ impl Refiner {
         self.lines.clear();
         self.lines.extend(problem.lines.iter().map(|item| {
             residuals::line(fx, fy, model, item).map_or(none, |(res, state)| {
-                let v = variance(item.sigma, item.sigma_px, res.inverse_depth_sq());
-                if res.squared() > noise.gate_sq * v
+                let gain_sq = f_sq * res.inverse_depth_sq();
+                let v = inflation * noise.lines.variance(item.sigma_px, item.sigma, gain_sq);
+                if res.squared() > noise.gate_sq * v * noise.lines.near * noise.lines.near
                     || !residuals::overlaps(fx, fy, item, &state, model.focal)
                 {
                     return none;
@@ -429,15 +345,16 @@ impl Refiner {
         self.sums.resize(problem.num_alternatives as usize + 1, 0.0);
         let (fx, fy) = (problem.fx, problem.fy);
         let sums = &mut self.sums;
-        let mut add = |belief: &Belief, frozen: &Frozen, r_sq: f64| {
-            sums[belief.alternatives as usize] += student(frozen.odds, r_sq, frozen.variance).0;
+        let mut add = |belief: &Belief, frozen: &Frozen, noise: &KindNoise, r_sq: f64| {
+            sums[belief.alternatives as usize] +=
+                noise.student(frozen.odds, r_sq, frozen.variance).0;
         };
         for (item, frozen) in problem.points.iter().zip(&self.points) {
             if item.belief.alternatives > 0
                 && frozen.variance > 0.0
                 && let Some((res, ..)) = residuals::point(fx, fy, model, item)
             {
-                add(&item.belief, frozen, res.squared());
+                add(&item.belief, frozen, &self.point_noise, res.squared());
             }
         }
         for (item, frozen) in problem.lines.iter().zip(&self.lines) {
@@ -445,7 +362,7 @@ impl Refiner {
                 && frozen.variance > 0.0
                 && let Some((res, _)) = residuals::line(fx, fy, model, item)
             {
-                add(&item.belief, frozen, res.squared());
+                add(&item.belief, frozen, &self.line_noise, res.squared());
             }
         }
     }
@@ -460,8 +377,8 @@ impl Refiner {
         }
     }
 
-    fn posterior(&self, belief: &Belief, frozen: &Frozen, r_sq: f64) -> f64 {
-        let odds = student(frozen.odds, r_sq, frozen.variance).0;
+    fn posterior(&self, belief: &Belief, frozen: &Frozen, noise: &KindNoise, r_sq: f64) -> f64 {
+        let odds = noise.student(frozen.odds, r_sq, frozen.variance).0;
         odds / (1.0 + self.odds_of_any(belief, odds))
     }
 
@@ -488,7 +405,9 @@ impl Refiner {
             if frozen.variance > 0.0
                 && let Some((res, z, u)) = residuals::point(fx, fy, model, item)
             {
-                let (odds, weight) = student(frozen.odds, res.squared(), frozen.variance);
+                let (odds, weight) =
+                    self.point_noise
+                        .student(frozen.odds, res.squared(), frozen.variance);
                 if odds > NEGLIGIBLE {
                     let rows = residuals::point_rows(fx, fy, model, &z, &u);
                     add(&item.belief, rows, res.r, odds, weight);
@@ -499,7 +418,9 @@ impl Refiner {
             if frozen.variance > 0.0
                 && let Some((res, state)) = residuals::line(fx, fy, model, item)
             {
-                let (odds, weight) = student(frozen.odds, res.squared(), frozen.variance);
+                let (odds, weight) =
+                    self.line_noise
+                        .student(frozen.odds, res.squared(), frozen.variance);
                 if odds > NEGLIGIBLE {
                     let rows = residuals::line_rows(fx, fy, model, item, &res, &state);
                     add(&item.belief, rows, res.r, odds, weight);
@@ -577,7 +498,7 @@ impl Refiner {
         for (item, frozen) in problem.points.iter().zip(&self.points) {
             let p = match residuals::point(fx, fy, model, item) {
                 Some((res, ..)) if frozen.variance > 0.0 => {
-                    self.posterior(&item.belief, frozen, res.squared())
+                    self.posterior(&item.belief, frozen, &self.point_noise, res.squared())
                 }
                 _ => 0.0,
             };
@@ -586,7 +507,7 @@ impl Refiner {
         for (item, frozen) in problem.lines.iter().zip(&self.lines) {
             let p = match residuals::line(fx, fy, model, item) {
                 Some((res, _)) if frozen.variance > 0.0 => {
-                    self.posterior(&item.belief, frozen, res.squared())
+                    self.posterior(&item.belief, frozen, &self.line_noise, res.squared())
                 }
                 _ => 0.0,
             };

@@ -364,13 +364,18 @@ fn refine_finalists(
         .filter(|f| f.refined.log_ratio >= CREDIBLE_SHARE * most_likely)
         .map(|f| f.ranking)
         .fold(0.0, f32::max);
-    // With an estimated noise that kept its consensus the likelihood decides alone.
-    let by_likelihood = scale == Scale::Estimated;
-    let is_contender = |f: &Finalist| by_likelihood || f.ranking >= CONTENDER_SHARE * consensus;
+    // With an estimated noise that kept its consensus all may win. Each has chosen the noise that suits it, so the evidence at the
+    // fixed noise of the thresholds counts beside its likelihood.
+    let is_estimated = scale == Scale::Estimated;
+    let is_contender = |f: &Finalist| is_estimated || f.ranking >= CONTENDER_SHARE * consensus;
+    let evidence = |f: &Finalist| {
+        let fixed = if is_estimated { f.ranking } else { 0.0 };
+        f.refined.log_ratio + f64::from(fixed)
+    };
     scratch.finalists.sort_unstable_by(|a, b| {
         is_contender(b)
             .cmp(&is_contender(a))
-            .then(b.refined.log_ratio.total_cmp(&a.refined.log_ratio))
+            .then(evidence(b).total_cmp(&evidence(a)))
     });
 }
 
@@ -439,7 +444,7 @@ fn judge(
         sigma_rad: known.sigma_rad,
         sigma_m: known.sigma_m,
         sigma_focal_px: known.sigma_ln_focal * (fx * fy).sqrt(),
-        world_sigma_m: best.noise.world_sigma * problem.scale,
+        world_sigma_m: best.noise.points.factor * best.noise.points.world_sigma * problem.scale,
         num_point_inliers: scratch.inliers.points.len() as u32,
         num_line_inliers: scratch.inliers.lines.len() as u32,
         score: best.log_ratio,

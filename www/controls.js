@@ -7,6 +7,7 @@ import { forgetFocals } from "./focal.js";
 import { followAgain, holdVideo, startCamera } from "./live.js";
 import { cancelLoading, loadScene, retryLoading } from "./loading.js";
 import { startFiles, startSample } from "./open.js";
+import { problem } from "./panels.js";
 import { go, showAgain } from "./playlist.js";
 import { save } from "./report.js";
 import { markSource, state } from "./session.js";
@@ -46,6 +47,7 @@ function wireSources() {
   const begin = (source) => {
     if (source === "sample") void startSample();
     else if (source === "camera") void startCamera();
+    else if (source === "map") void mapThisPlace();
     else $(pick[source]).click();
   };
   document.querySelectorAll("[data-source]").forEach((chip) => chip.addEventListener("click", () => begin(chip.dataset.source)));
@@ -57,6 +59,18 @@ function wireSources() {
     });
   }
   $("camera-select").addEventListener("change", ({ target }) => void startCamera(target.value));
+}
+
+/** Mapping is loaded when it is asked for. */
+async function mapThisPlace() {
+  let flow;
+  try {
+    flow = await import("./mapping/flow.js");
+  } catch (error) {
+    problem({ code: "asset-fetch", message: "the mapping part of this page could not be loaded", hint: "It is loaded once, when it is first used: connect to the network, then try again.", cause: error });
+    return;
+  }
+  await flow.openFlow();
 }
 
 function wireOverlay() {

@@ -9,6 +9,8 @@ const cacheName = "landline-page-v1";
  * `import()` leads nowhere else. Static hosts that send no headers get it from here, from the second visit on.
  */
 const workerPolicy = "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'";
+/** What maps is kept from its first use on: who only locates need not load it. */
+const isForMapping = (path) => /(^|\/)(mapping|mapper)\//.test(path);
 const isWeights = (path) => /\.(landline|safetensors|tgz)$/.test(path);
 
 self.addEventListener("install", (event) => {
@@ -29,7 +31,7 @@ async function keepPage() {
   const cache = await caches.open(cacheName);
   const response = await fetch("./files.json", { cache: "no-cache" });
   if (!response.ok) return;
-  const files = Object.keys(await response.json()).filter((path) => !isWeights(path) && /\.(html|js|css|svg|wasm|json|webmanifest|png|jpg|jpeg|webp)$/.test(path));
+  const files = Object.keys(await response.json()).filter((path) => !isWeights(path) && !isForMapping(path) && /\.(html|js|css|svg|wasm|json|webmanifest|png|jpg|jpeg|webp)$/.test(path));
   await cache.addAll(["./", ...files.map((path) => `./${path}`)]);
 }
 

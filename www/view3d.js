@@ -33,6 +33,9 @@ export class MapView {
   /** Until the user takes hold of the view it is framed anew as the map grows. */
   #touched = false;
   #framedRadius = 0;
+  #grid;
+  /** Corners of the camera's pyramid in the world. */
+  #pyramid = [];
   following = false;
 
   /** Throws where WebGL is missing. `up` is the scene's up direction. */
@@ -89,6 +92,23 @@ export class MapView {
     this.draw();
   }
 
+  /** Adds something of one's own, or takes it away again. */
+  add(object) {
+    this.#scene.add(object);
+    this.draw();
+  }
+
+  remove(object) {
+    this.#scene.remove(object);
+    this.draw();
+  }
+
+  /** Which way is up from now on; the floor goes with it. */
+  setUp({ x, y, z }) {
+    this.#camera.up.set(x, y, z).normalize();
+    this.reset();
+  }
+
   /** Frees the graphics card's memory and leaves the page. */
   dispose() {
     this.#observer.disconnect();
@@ -106,17 +126,19 @@ export class MapView {
     this.#picture.visible = false;
     this.#touched = false;
     this.#framedRadius = 0;
+    this.#pyramid = [];
+    if (this.#grid) this.#grid.visible = false;
     this.draw();
   }
 
   /** Shows a located frame. `picture` is a canvas with its pixels. */
   show(result, map, picture, continuous) {
-    if (map.version !== this.#mapVersion) this.#showMap(map);
+    if (map.version !== this.#mapVersion) this.showMap(map);
     const { placement, intrinsics } = result;
     if (placement) {
       const matrix = new THREE.Matrix4().fromArray(placement.three.worldFromCamera);
       const depth = 0.18 * Math.max(1, Math.min(3, this.#radius() / 2));
-      this.#setFrustum(intrinsics, depth, picture);
+      this.#pyramid = this.#setFrustum(intrinsics, depth, picture).map((corner) => corner.applyMatrix4(matrix));
       for (const object of [this.#frustum, this.#picture]) {
         object.matrix.copy(matrix);
         object.matrixWorldNeedsUpdate = true;
@@ -127,29 +149,80 @@ export class MapView {
       this.#path.push([x, y, z]);
       if (this.#path.length > maxPath) this.#path.shift();
       this.#showPath();
-      if (!this.#touched && !this.following && this.#radius() > 1.03 * this.#framedRadius) this.reset();
+      if (!this.#touched && !this.following && (this.#radius() > 1.03 * this.#framedRadius || !this.#inView(this.#pyramid))) this.reset();
       if (this.following) this.#follow(matrix);
     }
     this.draw();
   }
 
-  /** Frames the whole map. */
+  /** Frames the map and the camera, and lays the floor below them. */
   reset() {
     this.following = false;
     const box = this.#box();
     if (box.isEmpty()) return;
-    const center = box.getCenter(new THREE.Vector3());
     this.#framedRadius = this.#radius();
-    const radius = Math.max(0.5, this.#framedRadius);
+    for (const corner of this.#pyramid) box.expandByPoint(corner);
+    const center = box.getCenter(new THREE.Vector3());
     const up = this.#camera.up;
     const side = Math.abs(up.x) < 0.8 ? new THREE.Vector3(1, 0, 0) : new THREE.Vector3(0, 0, 1);
     const across = side.addScaledVector(up, -side.dot(up)).normalize();
     const back = new THREE.Vector3().crossVectors(across, up).normalize();
-    const distance = (1.02 * radius) / Math.tan((Math.PI * this.#camera.fov) / 360) / Math.min(1, this.#camera.aspect);
-    this.#camera.position.copy(center).addScaledVector(up, 0.62 * distance).addScaledVector(back, 0.7 * distance).addScaledVector(across, 0.35 * distance);
+    const toViewer = new THREE.Vector3().addScaledVector(up, 0.62).addScaledVector(back, 0.7).addScaledVector(across, 0.35).normalize();
+    this.#camera.position.copy(center).addScaledVector(toViewer, this.#distanceFor(box, center, toViewer));
     this.#controls.target.copy(center);
     this.#controls.update();
+    this.#layFloor(center);
     this.draw();
+  }
+
+  /** How far away the viewer has to stand to see every corner of a box. */
+  #distanceFor(box, center, toViewer) {
+    const right = new THREE.Vector3().crossVectors(this.#camera.up, toViewer).normalize();
+    const top = new THREE.Vector3().crossVectors(toViewer, right);
+    const vertical = Math.tan((Math.PI * this.#camera.fov) / 360);
+    const horizontal = vertical * this.#camera.aspect;
+    let distance = 0.5;
+    for (let i = 0; i < 8; i++) {
+      const corner = new THREE.Vector3(i & 1 ? box.max.x : box.min.x, i & 2 ? box.max.y : box.min.y, i & 4 ? box.max.z : box.min.z).sub(center);
+      distance = Math.max(distance, corner.dot(toViewer) + 1.06 * Math.max(Math.abs(corner.dot(right)) / horizontal, Math.abs(corner.dot(top)) / vertical));
+    }
+    return distance;
+  }
+
+  #inView(corners) {
+    this.#camera.updateMatrixWorld();
+    return corners.every((corner) => {
+      const { x, y, z } = corner.clone().project(this.#camera);
+      return Math.abs(x) < 1 && Math.abs(y) < 1 && z < 1;
+    });
+  }
+
+  /** A grid under the map, so that the eye finds the ground; its cells are a round number of the scene's units. */
+  #layFloor(center) {
+    const up = this.#camera.up;
+    const heights = [];
+    const take = (array) => {
+      for (let i = 0; i + 2 < array.length; i += 3) heights.push(array[i] * up.x + array[i + 1] * up.y + array[i + 2] * up.z);
+    };
+    take(this.#points.geometry.getAttribute("position")?.array ?? []);
+    take(this.#ends);
+    if (heights.length === 0) return;
+    heights.sort((a, b) => a - b);
+    const floor = heights[Math.floor(0.03 * (heights.length - 1))];
+    const wanted = this.#framedRadius / 3;
+    const decade = 10 ** Math.floor(Math.log10(wanted));
+    const cell = decade * ([5, 2, 1].find((n) => n * decade <= wanted) ?? 1);
+    const cells = 2 * Math.ceil((1.1 * this.#framedRadius) / cell);
+    if (this.#grid) {
+      this.#scene.remove(this.#grid);
+      this.#grid.dispose();
+    }
+    this.#grid = new THREE.GridHelper(cells * cell, cells, "#6d7c8d", "#465260");
+    this.#grid.material.transparent = true;
+    this.#grid.material.opacity = 0.55;
+    this.#grid.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), up);
+    this.#grid.position.copy(center).addScaledVector(up, floor - center.dot(up));
+    this.#scene.add(this.#grid);
   }
 
   draw() {
@@ -177,7 +250,8 @@ export class MapView {
     this.#pathLine.geometry = new LineSegmentsGeometry().setPositions(path.slice(1).flatMap((p, i) => [...path[i], ...p]));
   }
 
-  #showMap(map) {
+  /** Shows lines and points: `{ version, numLines, lines(), numPoints, points() }`. */
+  showMap(map) {
     this.#mapVersion = map.version;
     const lines = new Float32Array(6 * map.numLines);
     let at = 0;
@@ -201,6 +275,7 @@ export class MapView {
     this.#points.geometry.setAttribute("position", new THREE.BufferAttribute(points, 3));
   }
 
+  /** The camera's pyramid in its own axes; answers with its tip and corners. */
   #setFrustum(k, depth, picture) {
     const left = (-k.cx / k.fx) * depth;
     const right = ((k.width - k.cx) / k.fx) * depth;
@@ -211,7 +286,7 @@ export class MapView {
     const edges = corners.flatMap((c, i) => [eye, c, c, corners[(i + 1) % 4]]);
     this.#frustum.geometry.dispose();
     this.#frustum.geometry = new LineSegmentsGeometry().setPositions(edges.flatMap((p) => p.toArray()));
-    if (!picture) return;
+    if (!picture) return [eye, ...corners];
     const width = 256;
     const height = Math.max(1, Math.round((width * k.height) / k.width));
     if (this.#pictureCanvas.width !== width || this.#pictureCanvas.height !== height) {
@@ -227,6 +302,7 @@ export class MapView {
     geometry.setAttribute("uv", new THREE.Float32BufferAttribute([0, 1, 1, 1, 1, 0, 0, 1, 1, 0, 0, 0], 2));
     this.#picture.geometry.dispose();
     this.#picture.geometry = geometry;
+    return [eye, ...corners];
   }
 
   /** Where most of the map lies: far-off mistakes must not shrink the rest. */

@@ -1,0 +1,243 @@
+// “Map this place”: from filming to a place that is kept and located in. The mapper is a stand-in that is quick and fails
+// when it is told to; what the real one makes of a film is tested with the mapper.
+import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { readFile, readdir } from "node:fs/promises";
+import { join } from "node:path";
+import { test } from "node:test";
+import { brotliCompressSync } from "node:zlib";
+import { artefact, browser, fakeCamera, haveSample, located, open, sampleFiles, serve } from "./page.mjs";
+import { root, site } from "./support.mjs";
+
+const skip = haveSample() ? false : "the sample scene is not there: run `cargo xtask sample`";
+const phone = { viewport: { width: 390, height: 844 }, deviceScaleFactor: 2, isMobile: true, hasTouch: true };
+
+/** The page with the stand-in, its camera showing the sample's pictures. `told` is what the stand-in is told. */
+async function mapping(test, { told = {}, options = {}, camera = false } = {}) {
+  const { pictures } = await sampleFiles();
+  const flags = camera ? await fakeCamera(test, pictures.slice(0, 12).map(({ path }) => path), 6) : [];
+  const server = await serve(test);
+  const launched = await browser(test, flags);
+  const opened = await open(launched, undefined, { permissions: ["camera"], init: `globalThis.fakeMapper ??= ${JSON.stringify(told)}`, ...options });
+  const fake = await readFile(join(root, "tests/package/fake_mapper.js"), "utf8");
+  await opened.page.route("**/vendor/landline/mapper/index.js", (route) => route.fulfill({ contentType: "text/javascript", body: fake }));
+  await opened.page.goto(`${server.url}?no-offline&dwell=100000`);
+  await ready(opened.page);
+  return { ...opened, server, pictures };
+}
+
+/** The page is there; what it opens with may still be loading. The way in stays hidden until there is a mapper to load. */
+async function ready(page) {
+  await page.waitForFunction(() => globalThis.landlinePage);
+  await page.evaluate(() => (document.querySelector("[data-source=map]").hidden = false));
+}
+
+const heading = (page, text) => page.waitForFunction((wanted) => document.querySelector("#mapping-title")?.textContent === wanted, text);
+const keptPictures = (page, atLeast) => page.waitForFunction((n) => parseInt(document.querySelector("#map-count")?.textContent) >= n, atLeast);
+/** Names of the files of a folder of the origin's private file system. */
+const stored = (page, folder) =>
+  page.evaluate(async (name) => {
+    const names = [];
+    const directory = await (await navigator.storage.getDirectory()).getDirectoryHandle(name).catch(() => undefined);
+    if (directory) for await (const key of directory.keys()) names.push(key);
+    return names;
+  }, folder);
+
+async function axe(page, where) {
+  await page.evaluate(readFileSync(join(root, "web/node_modules/axe-core/axe.min.js"), "utf8"));
+  const violations = await page.evaluate(async () => {
+    const { violations } = await globalThis.axe.run(document, { runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"] });
+    return violations.map(({ id, nodes }) => `${id}: ${nodes.map((node) => node.target.join(" ")).join(", ")}`);
+  });
+  assert.deepEqual(violations, [], where);
+}
+
+test("a place is filmed, mapped, named, kept, tried, exported and deleted, on a phone, and nothing is sent", { skip, timeout: 240_000 }, async (t) => {
+  const { page, said, server } = await mapping(t, { camera: true, options: phone });
+  await page.tap("[data-source=map]");
+  await heading(page, "Map this place");
+  await axe(page, "begin");
+  await page.screenshot({ path: artefact("map-begin.png") });
+  await page.tap("#map-camera");
+  await keptPictures(page, 10);
+  assert.match(await page.textContent(".map-advice"), /Keep walking/);
+  await axe(page, "film");
+  await page.screenshot({ path: artefact("map-film.png") });
+  await page.evaluate(() => (globalThis.fakeMapper = { stepMs: 40 }));
+  await page.tap("#map-stop");
+  await page.waitForSelector('.map-stages [aria-current="step"]');
+  await axe(page, "build");
+  await page.screenshot({ path: artefact("map-build.png") });
+  await heading(page, "Your place is mapped");
+  await page.waitForFunction(() => /^Kept in My places/.test(document.querySelector("#map-kept").textContent));
+  await page.waitForSelector("#map-result-view canvas");
+  assert.match(await page.textContent("#map-summary"), /^\d+ of \d+ pictures found their place · 2304 points · 192 lines/);
+  assert.match(await page.textContent("#map-problems"), /nothing in common with another picture/);
+  await axe(page, "result");
+  await page.screenshot({ path: artefact("map-result.png") });
+  const overflow = await page.evaluate(() => document.querySelector(".mapping-body").scrollWidth - document.querySelector(".mapping-body").clientWidth);
+  assert.ok(overflow <= 0, `the step is ${overflow} px wider than the screen`);
+  await page.fill("#map-name", "The kitchen / upstairs");
+  await page.locator("#map-name").blur();
+  await page.waitForFunction(() => /as “The kitchen \/ upstairs”/.test(document.querySelector("#map-kept").textContent));
+  assert.deepEqual(await stored(page, "landline-film"), [], "the film has served its purpose");
+  // Tried at once: the page locates in it, with the camera.
+  await page.tap("#map-try");
+  await page.waitForFunction(() => globalThis.landlinePage.state.scene?.name === "The kitchen / upstairs" && globalThis.landlinePage.state.live?.camera && globalThis.landlinePage.state.result);
+  // And it is there at the next visit.
+  await page.reload();
+  await ready(page);
+  await page.tap("[data-source=map]");
+  await page.waitForSelector(".map-list li");
+  assert.equal(await page.$("#map-unfinished"), null);
+  const row = page.locator(".map-list li");
+  const [download] = await Promise.all([page.waitForEvent("download"), row.getByRole("button", { name: /^Export/ }).tap()]);
+  assert.equal(download.suggestedFilename(), "The-kitchen-upstairs.landline");
+  assert.deepEqual(await readFile(await download.path()), await readFile(join(site(), "scenes/sample/sample.landline")), "the same bytes");
+  await row.getByRole("button", { name: /^Rename/ }).tap();
+  await page.keyboard.type("Kitchen");
+  await page.keyboard.press("Enter");
+  await page.waitForFunction(() => document.querySelector(".map-place strong").textContent === "Kitchen");
+  await page.screenshot({ path: artefact("map-places.png") });
+  await axe(page, "places");
+  await row.getByRole("button", { name: /^Delete/ }).tap();
+  await row.getByRole("button", { name: /^Delete for good/ }).tap();
+  await page.waitForFunction(() => document.querySelectorAll(".map-list li").length === 0);
+  assert.deepEqual(await stored(page, "landline-places"), []);
+  assert.match(await page.textContent("#bytes-sent"), /^0 bytes sent$/);
+  assert.ok(server.requests.every(({ method, length }) => method === "GET" && length === 0), "nothing but downloads");
+  assert.deepEqual(said, []);
+});
+
+test("a page that is reloaded while filming goes on with what it has, by keyboard alone", { skip, timeout: 240_000 }, async (t) => {
+  const { page, said } = await mapping(t, { camera: true });
+  await page.focus("[data-source=map]");
+  await page.keyboard.press("Enter");
+  await heading(page, "Map this place");
+  assert.equal(await page.evaluate(() => document.activeElement.id), "mapping-title");
+  await page.focus("#map-camera");
+  await page.keyboard.press("Enter");
+  await keptPictures(page, 6);
+  await page.reload();
+  await ready(page);
+  await page.focus("[data-source=map]");
+  await page.keyboard.press("Enter");
+  await page.waitForSelector("#map-unfinished");
+  const left = parseInt(await page.textContent("#map-unfinished p"));
+  assert.ok(left >= 6, `${left} pictures`);
+  // More is filmed on top of it.
+  await page.focus("#map-film-more");
+  await page.keyboard.press("Enter");
+  await keptPictures(page, left + 3);
+  assert.ok(await page.evaluate((n) => globalThis.mappers.at(-1).keyframes >= n, left), "a new mapper was shown the pictures again");
+  // Escape closes; the film waits. Then the map is made of all.
+  await page.keyboard.press("Escape");
+  assert.equal(await page.evaluate(() => document.querySelector("#mapping").open), false);
+  await page.focus("[data-source=map]");
+  await page.keyboard.press("Enter");
+  await page.waitForSelector("#map-go-on");
+  await page.focus("#map-go-on");
+  await page.keyboard.press("Enter");
+  await heading(page, "Your place is mapped");
+  const [, all] = /of (\d+) pictures/.exec(await page.textContent("#map-summary"));
+  assert.ok(Number(all) >= left + 3);
+  assert.deepEqual(said, []);
+});
+
+test("making the map can be cancelled, and what fails says why and what helps", { skip, timeout: 240_000 }, async (t) => {
+  const { page, pictures, said } = await mapping(t, { told: { stepMs: 60 } });
+  await page.click("[data-source=map]");
+  const files = await Promise.all(pictures.slice(0, 4).map(async ({ name, path }) => ({ name, mimeType: "image/jpeg", buffer: await readFile(path) })));
+  await page.setInputFiles("#map-pictures", [...files, { name: "notes.jpg", mimeType: "image/jpeg", buffer: Buffer.from("no picture") }]);
+  await page.waitForSelector('.map-stages [data-state="now"]');
+  await page.click("#map-cancel");
+  await heading(page, "Cancelled");
+  assert.equal((await stored(page, "landline-film")).filter((name) => name.endsWith(".jpg")).length, 4);
+  await page.evaluate(() => (globalThis.fakeMapper = { stepMs: 1, failAt: "poses", error: { code: "no-model", message: "the camera only turned on the spot", hint: "Film again, stepping sideways." } }));
+  await page.click("#map-again");
+  await heading(page, "No map came of it");
+  assert.equal(await page.textContent("#map-held-text"), "The camera only turned on the spot.");
+  assert.equal(await page.textContent("#map-held-hint"), "Film again, stepping sideways.");
+  // A mapper that broke is replaced by one that is shown the pictures again.
+  await page.evaluate(() => (globalThis.fakeMapper = { stepMs: 1, failAt: "refine", error: { code: "out-of-memory", message: "memory could not be had", hint: "" } }));
+  await page.click("#map-again");
+  await heading(page, "This device ran out of memory");
+  assert.equal(await page.evaluate(() => globalThis.disposed), 1);
+  await page.evaluate(() => (globalThis.fakeMapper = { stepMs: 1 }));
+  await page.click("#map-again");
+  await heading(page, "Your place is mapped");
+  assert.match(await page.textContent("#map-problems"), /notes\.jpg: cannot be decoded/);
+  assert.equal(await page.evaluate(() => globalThis.mappers.length), 2);
+  // The metre stick: two marks in a picture, by keyboard, and a distance.
+  await page.click("#map-metre summary");
+  await page.focus("#map-metre-picture");
+  await page.keyboard.press("Enter");
+  await page.waitForFunction(() => /second point/.test(document.querySelector("#map-metre-said").textContent));
+  for (let i = 0; i < 4; i++) await page.keyboard.press("Shift+ArrowRight");
+  await page.keyboard.press("Enter");
+  await page.fill("#map-metre-distance", "1.5");
+  await page.click("#map-metre-set");
+  await page.waitForFunction(() => /Lengths are in metres now/.test(document.querySelector("#map-metre-said").textContent));
+  const [{ metresPerUnit }] = await page.evaluate(() => globalThis.described);
+  assert.ok(metresPerUnit > 0);
+  await page.click("#map-up summary");
+  await page.fill("#map-tilt-forward", "12");
+  await page.click("#map-set-up");
+  const { up } = await page.waitForFunction(() => globalThis.described.find((what) => what.up)).then((handle) => handle.jsonValue());
+  assert.ok(Math.abs(Math.hypot(up.x, up.y, up.z) - 1) < 1e-9);
+  assert.deepEqual(said, []);
+});
+
+test("storage that is full is said, and nothing is left half-written", { skip, timeout: 240_000 }, async (t) => {
+  const { page, server, context } = await mapping(t, { camera: true });
+  const session = await context.newCDPSession(page);
+  const origin = new URL(server.url).origin;
+  const { usage } = await session.send("Storage.getUsageAndQuota", { origin });
+  await session.send("Storage.overrideQuotaForOrigin", { origin, quotaSize: usage + 120_000 });
+  await page.click("[data-source=map]");
+  await page.click("#map-camera");
+  await page.waitForFunction(() => /no storage left/.test(document.querySelector("#map-keeps")?.textContent));
+  await keptPictures(page, 8);
+  await page.click("#map-stop");
+  await heading(page, "Your place is mapped");
+  await page.waitForFunction(() => /^Not kept: there is no storage left/.test(document.querySelector("#map-kept").textContent));
+  assert.deepEqual(await stored(page, "landline-places"), []);
+  const [download] = await Promise.all([page.waitForEvent("download"), page.click("#map-save")]);
+  assert.match(download.suggestedFilename(), /^Place-of-.*\.landline$/);
+  // With room again it is kept.
+  await session.send("Storage.overrideQuotaForOrigin", { origin });
+  await page.click("#map-keep");
+  await page.waitForFunction(() => /^Kept in My places/.test(document.querySelector("#map-kept").textContent));
+  assert.equal((await stored(page, "landline-places")).length, 2);
+});
+
+test("a camera that is taken away keeps what it filmed", { skip, timeout: 240_000 }, async (t) => {
+  const { page } = await mapping(t, { camera: true });
+  await page.click("[data-source=map]");
+  await page.click("#map-camera");
+  await keptPictures(page, 3);
+  await page.evaluate(() => document.querySelector(".map-stage video").srcObject.getVideoTracks()[0].dispatchEvent(new Event("ended")));
+  await heading(page, "The camera was taken away");
+  assert.match(await page.textContent("#mapping .fine"), /pictures kept on this device/);
+  await page.click("#map-throw");
+  await heading(page, "Map this place");
+  assert.deepEqual(await stored(page, "landline-film"), []);
+});
+
+test("who only locates loads nothing of it; its own size is bounded", { skip, timeout: 240_000 }, async (t) => {
+  const server = await serve(t);
+  const { page } = await open(await browser(t), `${server.url}?dwell=0`);
+  await located(page, 2);
+  await page.evaluate(async () => {
+    const { active } = await navigator.serviceWorker.ready;
+    if (active.state !== "activated") await new Promise((done) => active.addEventListener("statechange", done, { once: true }));
+  });
+  // Not even for offline use: what maps is kept from the first time on that it is used.
+  const asked = server.requests.filter(({ path }) => /\/(mapping|mapper)\/|mapper.*\.wasm$/.test(path));
+  assert.deepEqual(asked, []);
+  const folder = join(site(), "mapping");
+  let total = 0;
+  for (const name of await readdir(folder)) total += brotliCompressSync(await readFile(join(folder, name))).length;
+  t.diagnostic(`the flow's scripts and styles: ${total} bytes as brotli`);
+  assert.ok(total <= 30_000, `${total} bytes`);
+});

@@ -1,0 +1,110 @@
+/** The metre stick: two points are marked in a picture, their distance is typed, and the place has metres. */
+import { button, el } from "./elements.js";
+import { length, point } from "./metre_geometry.js";
+
+/** Length of the way between the cameras, in units of the map: what people know of their own film. */
+const walk = (pictures) => pictures.slice(1).reduce((sum, { pose: b }, i) => sum + length([3, 7, 11].map((at) => pictures[i].pose[at]), [3, 7, 11].map((at) => b[at])), 0);
+
+const numberWords = ["first", "second"];
+
+/** `describe` writes the scale into the place. */
+export function metreStick({ film, report, describe }) {
+  const usable = report.pictures.filter(({ registered, pose, keyframe }) => registered && pose && film?.picture(keyframe));
+  if (usable.length === 0) return undefined;
+  const canvas = el("canvas", { id: "map-metre-picture", tabIndex: 0, role: "application", "aria-label": "Picture to mark two points in. Arrow keys move the cross, Enter marks." });
+  const said = el("p", { class: "fine", id: "map-metre-said", role: "status" }, "Tap the first point.");
+  const distance = el("input", { type: "number", id: "map-metre-distance", inputMode: "decimal", min: 0, step: "any", placeholder: "1.20" });
+  const set = button("Set the scale", () => apply(), { kind: "small-button", id: "map-metre-set", disabled: true });
+  let index = Math.floor(usable.length / 2);
+  let bitmap;
+  let cursor;
+  /** `{ u, v, world }`: shares of the picture's width and height, and where that is. */
+  let marks = [];
+
+  const draw = () => {
+    if (!bitmap) return;
+    if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) [canvas.width, canvas.height] = [bitmap.width, bitmap.height];
+    const context = canvas.getContext("2d");
+    context.drawImage(bitmap, 0, 0);
+    const size = Math.max(bitmap.width, bitmap.height) / 60;
+    const cross = ({ u, v }, color) => {
+      const [x, y] = [u * bitmap.width, v * bitmap.height];
+      for (const [width, style] of [[size / 2.2, "#000a"], [size / 5, color]]) {
+        context.lineWidth = width;
+        context.strokeStyle = style;
+        context.beginPath();
+        context.moveTo(x - size, y);
+        context.lineTo(x + size, y);
+        context.moveTo(x, y - size);
+        context.lineTo(x, y + size);
+        context.stroke();
+      }
+    };
+    if (marks.length === 2) {
+      context.lineWidth = size / 5;
+      context.strokeStyle = "#ffb057";
+      context.beginPath();
+      context.moveTo(marks[0].u * bitmap.width, marks[0].v * bitmap.height);
+      context.lineTo(marks[1].u * bitmap.width, marks[1].v * bitmap.height);
+      context.stroke();
+    }
+    marks.forEach((mark) => cross(mark, "#ffb057"));
+    if (cursor) cross(cursor, "#ffffff");
+  };
+  const mark = (u, v) => {
+    if (marks.length === 2) marks = [];
+    const world = point(report, usable[index].pose, u, v);
+    if (world) marks.push({ u, v, world });
+    said.textContent = world ? (marks.length === 1 ? "Now the second point." : "Type how far apart they are.") : `The map knows nothing near the ${numberWords[marks.length]} point: choose one with an edge or a pattern.`;
+    set.disabled = marks.length < 2;
+    draw();
+    if (marks.length === 2) distance.focus();
+  };
+  canvas.addEventListener("click", (event) => {
+    const box = canvas.getBoundingClientRect();
+    mark((event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height);
+  });
+  canvas.addEventListener("keydown", (event) => {
+    const moves = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+    const at = cursor ?? { u: 0.5, v: 0.5 };
+    if (moves[event.key]) {
+      const by = event.shiftKey ? 0.05 : 0.01;
+      const [u, v] = [at.u + by * moves[event.key][0], at.v + by * moves[event.key][1]].map((value) => Math.min(0.995, Math.max(0.005, value)));
+      cursor = { u, v };
+      draw();
+    } else if (event.key === "Enter" || event.key === " ") mark(at.u, at.v);
+    else return;
+    event.preventDefault();
+  });
+  const apply = async () => {
+    const metres = Number(distance.value);
+    const units = marks.length === 2 ? length(marks[0].world, marks[1].world) : 0;
+    if (!(metres > 0) || !(units > 0)) return void (said.textContent = "Mark two points and type their distance in metres.");
+    try {
+      await describe({ metresPerUnit: metres / units });
+      said.textContent = `Lengths are in metres now. By this scale your walk was ${(walk(usable) * (metres / units)).toFixed(1)} m long; if that is far off, mark other points.`;
+      set.disabled = true;
+    } catch (error) {
+      said.textContent = `The scale was not set: ${error.message}.`;
+    }
+  };
+  const choose = async (by) => {
+    index = (index + by + usable.length) % usable.length;
+    marks = [];
+    bitmap?.close();
+    bitmap = await createImageBitmap(film.picture(usable[index].keyframe).blob);
+    said.textContent = "Tap the first point.";
+    draw();
+  };
+  const details = el(
+    "details",
+    { class: "map-card", id: "map-metre", ontoggle: () => details.open && !bitmap && void choose(0) },
+    el("summary", {}, "Give it metres"),
+    el("p", {}, "Pictures alone do not tell how large a place is. Mark two points whose distance you know, a door’s width for example."),
+    canvas,
+    el("div", { class: "row" }, button("Previous picture", () => choose(-1), { kind: "small-button" }), button("Next picture", () => choose(1), { kind: "small-button" })),
+    said,
+    el("div", { class: "row" }, el("label", {}, "Their distance in metres ", distance), set),
+  );
+  return details;
+}

@@ -1,0 +1,107 @@
+/** The finished place: what it is, how it looks, what failed; name it, try it, save it. */
+import { bytes } from "../panels.js";
+import { save } from "../report.js";
+import { button, el, heading } from "./elements.js";
+import { canKeep, cannotKeepWords } from "./files.js";
+import { metreStick } from "./metre.js";
+import { fileName, keepPlace, renamePlace } from "./places.js";
+import { upOf } from "./up.js";
+import { upSliders } from "./up_sliders.js";
+import { duration, plural } from "./words.js";
+
+export async function resultStep(flow, { scene, report, name }) {
+  const { film } = flow;
+  const mapper = await flow.mapper();
+  const registered = report.pictures.filter((picture) => picture.registered);
+  const missing = report.pictures.filter((picture) => !picture.registered);
+  const place = { scene, name, kept: undefined, metric: report.units === "metres", up: upOf(registered) };
+  let view;
+  let left = false;
+
+  const kept = el("p", { class: "fine", id: "map-kept", role: "status" });
+  const frame = el("div", { class: "map-result-view map-frame", id: "map-result-view" });
+  const viewNote = el("p", { class: "map-note" }, "Loading the 3D view…");
+  frame.append(viewNote);
+  const field = el("input", { type: "text", id: "map-name", value: name, maxLength: 80, autocomplete: "off" });
+
+  /** Keeps the place under its name; where that cannot be, the words say what can. */
+  const keep = async () => {
+    if (!canKeep()) return void (kept.textContent = cannotKeepWords);
+    try {
+      place.kept = await keepPlace(place.scene, { name: place.name, pictures: registered.length, metric: place.metric }, place.kept?.id);
+      kept.textContent = `Kept in My places as “${place.name}”, ${bytes(place.kept.bytes)}.`;
+      // The map is there: the film is needed no more when this page is gone.
+      await film.discard();
+    } catch (error) {
+      kept.textContent = `Not kept: ${error.message}. ${error.hint ?? ""}`;
+      again.hidden = false;
+      return;
+    }
+    again.hidden = true;
+  };
+  const again = button("Keep it now", keep, { kind: "small-button", id: "map-keep", hidden: true });
+  /** The same place with its units or its up said otherwise. */
+  const describe = async (what) => {
+    place.scene = await mapper.describe(place.scene, what);
+    if (what.metresPerUnit) place.metric = true;
+    await keep();
+  };
+
+  field.addEventListener("change", async () => {
+    place.name = field.value.trim() || name;
+    if (!place.kept) return;
+    try {
+      await renamePlace(place.kept, place.name);
+      place.kept.name = place.name;
+      kept.textContent = `Kept in My places as “${place.name}”.`;
+    } catch (error) {
+      kept.textContent = `The name was not changed: ${error.message}.`;
+    }
+  });
+
+  const all = report.pictures.length;
+  const facts = [`${registered.length} of ${plural(all, "picture")} found their place`, plural(report.points, "point"), plural(report.lines, "line"), `${report.medianReprojection.toFixed(1)} px apart in the median`, ...(report.seconds >= 1 ? [`made in ${duration(report.seconds)}`] : [])];
+  flow.show(
+    "result",
+    [
+      heading("Your place is mapped"),
+      el("p", { id: "map-summary" }, `${facts.join(" · ")}.`),
+      registered.length < 0.7 * all ? el("p", { class: "problem-hint" }, "Many pictures found no place in the map: it may know a part of the room only. Filming again, more slowly, gives a better one.") : undefined,
+      el("div", { class: "map-ways" }, button("Try it", () => flow.tryPlace(place.scene, place.name), { kind: "button button-main", id: "map-try" }), button("Save as a file", () => save(fileName(place.name), place.scene, "application/octet-stream"), { id: "map-save" })),
+      el("label", { class: "map-name" }, "Name ", field),
+      el("div", { class: "row" }, kept, again),
+      frame,
+      el("p", { class: "fine" }, "Orange: lines. Blue: points. White: where the camera stood, with its way in green."),
+      ...report.warnings.map((text) => el("p", { class: "problem-hint" }, text)),
+      problems(missing, film?.leftOut ?? []),
+      typeof mapper.describe === "function" && report.intrinsics && report.map ? metreStick({ film, report, describe }) : undefined,
+      typeof mapper.describe === "function" ? upSliders(place.up, (up) => view?.setUp(up), describe) : undefined,
+      el("div", { class: "map-ways" }, button("Done", async () => {
+        await flow.discardFilm();
+        await flow.toBegin();
+      }, { id: "map-done" })),
+    ].filter(Boolean),
+    () => {
+      left = true;
+      view?.dispose();
+      // A film whose place is kept is done with.
+      if (place.kept) void flow.discardFilm();
+    },
+  );
+  await keep();
+  try {
+    const { ResultView } = await import("./result_view.js");
+    if (left) return;
+    view = new ResultView(frame, report, place.up);
+    viewNote.remove();
+  } catch (error) {
+    viewNote.textContent = `The 3D view needs WebGL, which this browser does not give (${error.message}). The map itself is not affected.`;
+  }
+}
+
+/** What did not become part of the map, and why. */
+function problems(missing, leftOut) {
+  const rows = [...missing.map(({ name, keyframe, reason }) => [name ?? `Picture ${keyframe + 1}`, reason ?? "no position was found"]), ...leftOut];
+  if (rows.length === 0) return undefined;
+  return el("details", { class: "map-card", id: "map-problems" }, el("summary", {}, `${plural(rows.length, "picture")} left out, and why`), el("ul", {}, ...rows.map(([name, reason]) => el("li", {}, `${name}: ${reason}`))));
+}

@@ -37,7 +37,8 @@ export function wire() {
     forget,
   };
   for (const [id, act] of Object.entries(clicks)) $(id).addEventListener("click", () => void act());
-  document.addEventListener("keydown", onKey);
+  wireShortcuts();
+  $("strip").addEventListener("keydown", onStripKey);
   wireDrop((files) => startFiles(files, false));
   new ResizeObserver(redraw).observe($("overlay"));
 }
@@ -120,6 +121,36 @@ async function forget() {
   forgetFocals();
   if ("caches" in globalThis) for (const name of await caches.keys()) if (name.startsWith("landline")) await caches.delete(name);
   $("forget").textContent = "Removed";
+}
+
+const shortcutsKey = "landline-shortcuts";
+
+/** Single keys can be switched off (WCAG 2.1.4); the choice is kept where something can be. */
+function wireShortcuts() {
+  const box = $("shortcuts");
+  try {
+    box.checked = localStorage.getItem(shortcutsKey) !== "off";
+  } catch {
+    // Nothing is kept for this page.
+  }
+  box.addEventListener("change", () => {
+    try {
+      localStorage.setItem(shortcutsKey, box.checked ? "on" : "off");
+    } catch {
+      // It holds until the page is closed.
+    }
+  });
+  document.addEventListener("keydown", (event) => box.checked && onKey(event));
+}
+
+/** A list with the focus has its own keys, whether or not there are shortcuts. */
+function onStripKey(event) {
+  const last = state.playlist.length - 1;
+  const to = { Home: 0, End: last, ArrowLeft: state.index - 1, ArrowRight: state.index + 1 }[event.key];
+  if (to === undefined || last < 0) return;
+  event.preventDefault();
+  event.stopPropagation();
+  go(to);
 }
 
 function onKey(event) {

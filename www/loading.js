@@ -4,14 +4,15 @@ import { $ } from "./dom.js";
 import { LoadBars, problem, sentence, showScene, status } from "./panels.js";
 import { markReady } from "./privacy.js";
 import { state, stopSource } from "./session.js";
-import { forgetPlace, showBackend } from "./stage.js";
+import { clearStage, forgetPlace, showBackend } from "./stage.js";
 import { setPlaying } from "./strip.js";
 
 const bars = new LoadBars();
 let again;
 
-/** Words in the middle of the stage. `retry` is what the button “Try again” does. */
+/** Words in the middle of the stage, in place of the picture. `retry` is what the button “Try again” does. */
 export function showEmpty(title, note, { retry, cancel = false } = {}) {
+  clearStage();
   $("empty").hidden = false;
   $("empty-title").textContent = title;
   $("empty-note").textContent = note;
@@ -83,7 +84,8 @@ export async function loadScene(scene, name, isSample, retry = () => loadScene(s
 /** A frame that could not be processed: says why, and replaces an engine that is broken. */
 export function frameFailed(error, name) {
   status("bad", "Cannot use this", `${sentence(error.message)} ${error.hint ?? ""}`.trim());
-  if (!state.result) showEmpty("Cannot use this", `${sentence(error.message)} ${error.hint ?? ""}`);
+  // A camera or a video goes on; of a picture that cannot be read there is nothing to show.
+  if (!state.live || !state.result) showEmpty("Cannot use this", `${sentence(error.message)} ${error.hint ?? ""}`);
   $("stage-tag").hidden = !name;
   $("stage-tag").textContent = name;
   if (error.code !== "engine-defect" && error.code !== "disposed") return;

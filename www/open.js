@@ -2,7 +2,7 @@
 import { query } from "./dom.js";
 import { evaluateFolder } from "./evaluation.js";
 import { startVideo } from "./live.js";
-import { loadScene } from "./loading.js";
+import { loadScene, showEmpty } from "./loading.js";
 import { problem, sentence, status } from "./panels.js";
 import { startPlaylist } from "./playlist.js";
 import { haveEngine, markSource, state, stopSource } from "./session.js";
@@ -15,6 +15,11 @@ export async function startFirst() {
   const scene = query.get("scene");
   if (scene === null) return startSample();
   const url = new URL(scene, document.baseURI);
+  if (url.origin !== location.origin) {
+    showEmpty("The scene is on another server", "This page may talk to its own server only. Download the scene and drop it here, or choose “Own scene file”.");
+    status("bad", "Not loaded", `The address names ${url.host}.`);
+    return;
+  }
   if (await loadScene(url.href, url.pathname.split("/").pop() || url.href, false)) markSource("scene");
 }
 

@@ -4,10 +4,10 @@ import { numFocals } from "./focal.js";
 
 const stageNames = [
   ["transfer", "Transfer"],
-  ["preprocess", "Grey, resize"],
-  ["features", "Features"],
-  ["lines", "Segments"],
-  ["regress", "Regression"],
+  ["preprocess", "Preparing"],
+  ["features", "Points"],
+  ["lines", "Lines"],
+  ["regress", "Recognising"],
   ["solve", "Position"],
 ];
 
@@ -52,13 +52,13 @@ export function length(value, metric) {
 let announcedAt = 0;
 let announced = "";
 
-/** The status line; read aloud at most once a second. */
+/** The status line; read aloud when its first word changes, at most every three seconds. */
 export function status(kind, word, detail) {
   $("status").dataset.kind = kind;
   $("status-word").textContent = word;
   $("status-detail").textContent = detail;
   const now = performance.now();
-  if (word !== announced && now - announcedAt > 1000) {
+  if (word !== announced && now - announcedAt > 3000) {
     announced = word;
     announcedAt = now;
     $("announce").textContent = `${word}. ${detail}`;
@@ -96,8 +96,9 @@ function showStages(timings) {
       meter.min = 0;
       meter.dataset.stage = key;
       meter.setAttribute("aria-label", name);
-      const output = document.createElement("output");
-      row.append(label, meter, output);
+      // No live region: it changes with every frame.
+      const time = document.createElement("span");
+      row.append(label, meter, time);
       root.append(row);
     }
   }
@@ -106,7 +107,7 @@ function showStages(timings) {
     const value = timings[meter.dataset.stage];
     meter.max = longest;
     meter.value = value;
-    meter.nextElementSibling.value = ms(value);
+    meter.nextElementSibling.textContent = ms(value);
   });
   $("stage-total").textContent = `Together ${ms(timings.total)}, ${(1000 / timings.total).toFixed(1)} frames a second.`;
 }
@@ -154,8 +155,7 @@ export function showScene(info, name) {
   const metric = info.units === "metres";
   const rows = [
     ["Name", name],
-    ["Network", `${info.variant}, ${info.preset}`],
-    ["Extractor", info.extractor],
+    ["Method", `${info.extractor} · ${info.variant}, ${info.preset}`],
     ["Size", bytes(info.bytes)],
     ["Units", metric ? "metres" : "unknown; lengths are in units of the scene"],
   ];
@@ -201,7 +201,7 @@ export class LoadBars {
     const head = document.createElement("div");
     head.className = "bar-head";
     const name = document.createElement("span");
-    name.textContent = { engine: "Engine", extractor: "Feature extractor", scene: "Scene" }[file];
+    name.textContent = { engine: "Engine", extractor: "Feature finder (for all places)", scene: "The place" }[file];
     const amount = document.createElement("span");
     const progress = document.createElement("progress");
     progress.setAttribute("aria-label", name.textContent);
@@ -252,8 +252,7 @@ export function showPrivacy({ bytes: sent, requests, afterReady }) {
   $("privacy").dataset.sent = sent > 0 ? "yes" : "no";
   facts($("privacy-facts"), [
     ["Sent", `${sent} bytes`],
-    ["Files loaded", `${requests}, all from ${location.host}`],
-    ["Since ready", `${afterReady} of them`],
+    ["Files fetched", `${requests}, all from ${location.host}${afterReady > 0 ? `; ${afterReady} of them pictures and parts of the page that were asked for later` : ""}`],
     ["Kept here", `the files, and the focal lengths of ${numFocals()} cameras`],
   ]);
 }

@@ -4,7 +4,7 @@ import { poseError } from "./evaluate.js";
 import { frameFailed } from "./loading.js";
 import { state } from "./session.js";
 import { showFrame, showTruth } from "./stage.js";
-import { markResult, markThumb, setPlaying, showStrip } from "./strip.js";
+import { markNext, markResult, markThumb, setPlaying, showStrip } from "./strip.js";
 
 /** Time that a picture stays, so that an eye can follow. */
 const dwellMs = Number(query.get("dwell") ?? 1400);
@@ -38,16 +38,19 @@ async function play(loop) {
 
 async function showPicture(index, run) {
   const item = state.playlist[index];
-  markThumb(index);
+  markNext(index);
   try {
     const { result, bitmap } = await locatePicture(item);
     if (run === state.run) {
+      markThumb(index);
       showFrame(result, bitmap, item.name, errorOf(result, item), false);
       markResult(index, result.located);
     }
     bitmap.close();
   } catch (error) {
-    if (run === state.run) frameFailed(error, item.name);
+    if (run !== state.run) return;
+    markThumb(index);
+    frameFailed(error, item.name);
   }
 }
 
@@ -58,7 +61,7 @@ export async function locatePicture(item) {
   try {
     bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
   } catch (error) {
-    throw Object.assign(new Error(`${item.name} cannot be decoded`), { code: "bad-input", hint: "Use a JPEG, PNG or WebP picture.", cause: error });
+    throw Object.assign(new Error(`“${item.name}” cannot be decoded`), { code: "bad-input", hint: "Use a JPEG, PNG or WebP picture.", cause: error });
   }
   const intrinsics = intrinsicsFor(item, bitmap.width, bitmap.height);
   const include = ["points", "lines", "segments"];

@@ -30,6 +30,8 @@ export function showSummary(all, metric) {
   }
   rows.push(["Median time", ms(s.medianMs)]);
   facts($("evaluation-facts"), rows);
+  // Without known positions there are no errors to draw.
+  $("evaluation-plot").hidden = s.withTruth === 0;
   drawPlot($("evaluation-plot"), all, metric);
 }
 

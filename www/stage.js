@@ -87,6 +87,16 @@ export function redraw() {
   else clearOverlay($("overlay"));
 }
 
+/** Takes the picture away, with what was drawn over it and said of it: it must not stand under another name. */
+export function clearStage() {
+  state.result = state.answer = undefined;
+  const canvas = $("picture");
+  canvas.getContext("2d").clearRect(0, 0, canvas.width, canvas.height);
+  clearOverlay($("overlay"));
+  $("facts").replaceChildren();
+  $("copy-json").disabled = true;
+}
+
 /** Drivers go on at length; the whole text is in the badge's tooltip. */
 const firstClause = (reason) => (reason ? `${reason.charAt(0).toUpperCase()}${reason.slice(1).split(";")[0].replace(/[.]?$/, ".")}` : "");
 

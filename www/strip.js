@@ -20,6 +20,7 @@ export function showStrip(choose) {
         image.alt = "";
         image.loading = "lazy";
         image.decoding = "async";
+        image.addEventListener("error", () => (button.textContent = String(i + 1)), { once: true });
         button.append(image);
       } else {
         button.textContent = String(i + 1);
@@ -32,10 +33,16 @@ export function showStrip(choose) {
   $("previous").disabled = $("next").disabled = state.playlist.length < 2;
 }
 
+/** Marks the picture that is being looked at, while an earlier one is still shown. */
+export function markNext(index) {
+  [...$("strip").children].forEach((thumb, i) => thumb.toggleAttribute("data-next", i === index));
+}
+
 /** Marks the picture that is shown. */
 export function markThumb(index) {
   const strip = $("strip");
   [...strip.children].forEach((thumb, i) => thumb.setAttribute("aria-selected", String(i === index)));
+  markNext(-1);
   const thumb = strip.children[index];
   if (!thumb) return;
   strip.setAttribute("aria-activedescendant", thumb.id);

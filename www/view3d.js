@@ -46,11 +46,15 @@ export class MapView {
     const { domElement } = this.#renderer;
     domElement.tabIndex = 0;
     domElement.setAttribute("role", "img");
-    domElement.setAttribute("aria-label", "3D view of the map with the camera in it; drag to turn, scroll to zoom");
+    domElement.setAttribute("aria-label", "3D view of the map with the camera in it. Drag to turn, scroll to zoom; arrow keys move it, with Shift they turn it");
     frame.append(domElement);
     this.#camera.up.copy(up ? new THREE.Vector3(up.x, up.y, up.z).normalize() : new THREE.Vector3(0, -1, 0));
     this.#controls = new OrbitControls(this.#camera, domElement);
     this.#controls.enableDamping = false;
+    this.#controls.listenToKeyEvents(domElement);
+    domElement.addEventListener("keydown", ({ key }) => {
+      if (key.startsWith("Arrow")) this.#touched = true;
+    });
     this.#controls.addEventListener("change", () => this.draw());
     this.#controls.addEventListener("start", () => {
       this.#touched = true;
@@ -319,7 +323,7 @@ export class MapView {
     if (axes[0].length === 0) return box;
     const bounds = axes.map((values) => {
       values.sort((a, b) => a - b);
-      return [values[Math.floor(0.03 * (values.length - 1))], values[Math.ceil(0.97 * (values.length - 1))]];
+      return [values[Math.floor(0.01 * (values.length - 1))], values[Math.ceil(0.99 * (values.length - 1))]];
     });
     box.min.set(bounds[0][0], bounds[1][0], bounds[2][0]);
     box.max.set(bounds[0][1], bounds[1][1], bounds[2][1]);

@@ -1,7 +1,7 @@
 /** What the mapper's loading looks like in one line. */
 import { bytes } from "../panels.js";
 
-const files = { engine: "the mapper", extractor: "the feature extractor", scene: "the place" };
+const files = { engine: "the mapper", extractor: "the feature finder", scene: "the place" };
 
 export function loadingWords(event) {
   if (event.status === "download" && event.total > 0) return `Loading ${files[event.file] ?? event.file}: ${bytes(event.loaded)} of ${bytes(event.total)}`;

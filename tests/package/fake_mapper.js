@@ -11,7 +11,10 @@ export class Mapper {
   keyframes = 0;
   names = [];
   #seen = 0;
-  #listeners = new Map();
+  #units = "scene-units";
+  #up;
+  #scene;
+  #map;
 
   static async create({ onProgress } = {}) {
     onProgress?.({ status: "download", file: "engine", url: "mapper", loaded: 200_000, total: 400_000, fromCache: false });
@@ -21,12 +24,11 @@ export class Mapper {
     return globalThis.mappers.at(-1);
   }
 
-  on(type, listener) {
-    this.#listeners.set(listener, type);
-    return () => this.#listeners.delete(listener);
+  get coverage() {
+    return { keyframes: this.keyframes, enough: 40, most: 300 };
   }
 
-  async addFrame(source, { name, keep } = {}) {
+  async addFrame(source, { name } = {}) {
     await wait(told().stepMs);
     const bitmap = await createImageBitmap(source);
     const canvas = new OffscreenCanvas(16, 12);
@@ -36,18 +38,18 @@ export class Mapper {
     const { data } = context.getImageData(0, 0, 16, 12);
     if (data.reduce((sum, value, i) => sum + (i % 4 < 3 ? value : 0), 0) / (16 * 12 * 3) < 12) return { kept: false, reason: "too-dark", advice: "more-light" };
     if (told().full <= this.keyframes) return { kept: false, reason: "full" };
-    if (!keep && this.#seen++ % told().everyNth !== 0) return { kept: false, reason: "too-similar", advice: "move-sideways" };
+    if (this.#seen++ % told().everyNth !== 0) return { kept: false, reason: "too-similar", advice: "move-sideways" };
     this.names.push(name);
     this.keyframes += 1;
     return { kept: true, keyframe: this.keyframes - 1, keyframes: this.keyframes, ...(this.keyframes > 40 ? { advice: "enough" } : {}) };
   }
 
-  async build({ signal, onProgress, name } = {}) {
+  async build({ signal, onProgress } = {}) {
     for (const [i, stage] of stages.entries()) {
       for (let done = 0; done <= 4; done++) {
         signal?.throwIfAborted();
         if (told().failAt === stage) throw failed(told().error);
-        onProgress?.({ stage, done, total: 4, etaSeconds: (told().stepMs * (5 * (stages.length - i) - done)) / 1000 });
+        onProgress?.({ stage, done, total: 4, share: (5 * i + done) / (5 * stages.length), etaSeconds: (told().stepMs * (5 * (stages.length - i) - done)) / 1000 });
         await wait(told().stepMs);
       }
     }
@@ -56,7 +58,20 @@ export class Mapper {
       fetch("./scenes/sample/sample.landline").then(async (response) => new Uint8Array(await response.arrayBuffer())),
       fetch("./scenes/sample/sample.json").then((response) => response.json()),
     ]);
-    this.built = { name };
+    this.#scene = scene;
+    this.#map = { pictures, camera };
+    return this.#result();
+  }
+
+  async write(what) {
+    globalThis.written = [...(globalThis.written ?? []), what];
+    if (what.scale) this.#units = "metres";
+    if (what.up) this.#up = what.up;
+    return this.#result();
+  }
+
+  #result() {
+    const { pictures, camera } = this.#map;
     const posed = Math.max(2, Math.round(told().registeredShare * this.keyframes));
     const poses = pictures.map(({ cam_from_world }) => inverse(cam_from_world.flat()));
     // On a grid of rays of each camera, some metres away; lines along the rows of the grid.
@@ -64,33 +79,32 @@ export class Mapper {
     const points = Float32Array.from(seen.flat());
     const lines = Float32Array.from(seen.flatMap((point, i) => (i % 12 === 5 ? [...point, ...seen[i + 1]] : [])));
     return {
-      scene,
+      scene: this.#scene,
       report: {
         pictures: Array.from({ length: this.keyframes }, (_, keyframe) => {
           const registered = keyframe < posed;
           const common = { keyframe, ...(this.names[keyframe] ? { name: this.names[keyframe] } : {}), registered };
-          return registered ? { ...common, pose: poses[keyframe % poses.length] } : { ...common, reason: "nothing in common with another picture" };
+          if (!registered) return { ...common, reason: "nothing-in-common", advice: "It has nothing in common with another picture." };
+          const pose = poses[keyframe % poses.length];
+          return { ...common, placement: { worldFromCamera: pose, position: { x: pose[3], y: pose[7], z: pose[11] } } };
         }),
         components: 1,
         focal: camera.fx,
-        intrinsics: camera,
-        units: "arbitrary",
+        width: camera.width,
+        height: camera.height,
+        units: this.#units,
+        ...(this.#up ? { up: this.#up } : {}),
         points: points.length / 3,
         lines: lines.length / 6,
         medianReprojection: 0.62,
         seconds: 42,
         warnings: told().warnings ?? [],
-        map: { points, lines },
+        cloud: { points, lines },
       },
     };
   }
 
-  async describe(scene, what) {
-    globalThis.described = [...(globalThis.described ?? []), what];
-    return scene;
-  }
-
-  clear() {
+  async clear() {
     this.keyframes = 0;
     this.names = [];
     this.#seen = 0;

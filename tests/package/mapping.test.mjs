@@ -178,12 +178,14 @@ test("making the map can be cancelled, and what fails says why and what helps", 
   await page.fill("#map-metre-distance", "1.5");
   await page.click("#map-metre-set");
   await page.waitForFunction(() => /Lengths are in metres now/.test(document.querySelector("#map-metre-said").textContent));
-  const [{ metresPerUnit }] = await page.evaluate(() => globalThis.described);
-  assert.ok(metresPerUnit > 0);
+  const [{ scale }] = await page.evaluate(() => globalThis.written);
+  assert.equal(scale.metres, 1.5);
+  assert.deepEqual([scale.from.x, scale.from.y, scale.to.y], [320, 240, 240], "pixels of the frames");
+  assert.ok(Math.abs(scale.to.x - 0.7 * 640) < 1e-6);
   await page.click("#map-up summary");
   await page.fill("#map-tilt-forward", "12");
   await page.click("#map-set-up");
-  const { up } = await page.waitForFunction(() => globalThis.described.find((what) => what.up)).then((handle) => handle.jsonValue());
+  const { up } = await page.waitForFunction(() => globalThis.written.find((what) => what.up)).then((handle) => handle.jsonValue());
   assert.ok(Math.abs(Math.hypot(up.x, up.y, up.z) - 1) < 1e-9);
   assert.deepEqual(said, []);
 });

@@ -8,7 +8,7 @@ export async function buildStep(flow) {
   const cancel = new AbortController();
   const note = el("p", { id: "map-stage-note" }, "Beginning…");
   const eta = el("p", { class: "fine", id: "map-eta" });
-  const progress = el("progress", { max: 1, value: 0, "aria-label": "This stage" });
+  const progress = el("progress", { max: 1, value: 0, "aria-label": "How much of the map is made" });
   const rows = new Map(stages.map(([key, words]) => [key, el("li", { "data-state": "waits" }, words)]));
   const count = flow.film?.pictures.length ?? 0;
   let left = false;
@@ -32,7 +32,7 @@ export async function buildStep(flow) {
   const wake = navigator.wakeLock?.request("screen").catch(() => undefined) ?? Promise.resolve();
   const started = performance.now();
   let current;
-  const onProgress = ({ stage, done, total, etaSeconds }) => {
+  const onProgress = ({ stage, share, etaSeconds }) => {
     if (stage !== current) {
       current = stage;
       let passed = true;
@@ -46,8 +46,8 @@ export async function buildStep(flow) {
       note.textContent = words;
       flow.announcer.say(words);
     }
-    progress.max = Math.max(1, total);
-    progress.value = done;
+    progress.max = 1;
+    progress.value = share;
     eta.textContent = etaSeconds === undefined ? `${duration((performance.now() - started) / 1000)} so far` : `About ${duration(etaSeconds)} to go`;
   };
   try {

@@ -5,12 +5,12 @@ export async function feed(flow, tell, signal) {
   const mapper = await flow.mapper(tell);
   const { film } = flow;
   if (flow.isFed() || film.pictures.length === 0) return mapper;
-  mapper.clear();
+  await mapper.clear();
   const keyframes = [];
   for (const [i, { blob, timestamp, name }] of film.pictures.entries()) {
     signal?.throwIfAborted();
     tell({ status: "again", done: i + 1, total: film.pictures.length });
-    const verdict = await mapper.addFrame(blob, { timestamp, name, keep: true });
+    const verdict = await mapper.addFrame(blob, { timestamp, name });
     keyframes.push(verdict.kept ? verdict.keyframe : undefined);
   }
   film.renumber(keyframes);

@@ -6,8 +6,6 @@ import { framesOfCamera, framesOfPictures, framesOfVideo } from "./frames.js";
 import { loadingWords } from "./loading_words.js";
 import { adviceOf, leftOutWords, plural } from "./words.js";
 
-/** Pictures that a room of usual size takes; the ring is full then, and filming may go on. */
-const usualPictures = 60;
 const circumference = 2 * Math.PI * 26;
 
 /** A ring that fills. */
@@ -39,6 +37,7 @@ export async function filmStep(flow, source, files) {
   const finish = button(isCamera ? "Stop, make the map" : "Stop here, make the map", () => stop.abort(), { kind: "button button-main", id: "map-stop", disabled: true });
   const leftOut = [];
   let opened;
+  let mapper;
   let left = false;
   let ends = "";
   flow.show(
@@ -62,7 +61,8 @@ export async function filmStep(flow, source, files) {
   const count = () => {
     const { length } = flow.film.pictures;
     counter.textContent = `${plural(length, "picture")} kept`;
-    coverage.set(length / usualPictures);
+    // The ring is full when a room of usual size would be known; filming may go on.
+    coverage.set(length / (mapper?.coverage.enough ?? Infinity));
     finish.disabled = length === 0;
     keeps.textContent = flow.film.unkept ? "These pictures are lost when the page is closed: no storage left." : "";
   };
@@ -79,7 +79,7 @@ export async function filmStep(flow, source, files) {
     // Both take time and do not need each other; the camera's question comes from the user's own tap.
     const asking = isCamera ? camera() : undefined;
     asking?.catch(() => undefined);
-    const mapper = await feed(flow, (event) => say({ text: loadingWords(event), kind: "wait" }), stop.signal);
+    mapper = await feed(flow, (event) => say({ text: loadingWords(event), kind: "wait" }), stop.signal);
     if (left) return void asking?.then((late) => late.stop(), () => undefined);
     let frames;
     if (isCamera) {

@@ -1,15 +1,15 @@
 /** The metre stick: two points are marked in a picture, their distance is typed, and the place has metres. */
 import { button, el } from "./elements.js";
-import { length, point } from "./metre_geometry.js";
 
-/** Length of the way between the cameras, in units of the map: what people know of their own film. */
-const walk = (pictures) => pictures.slice(1).reduce((sum, { pose: b }, i) => sum + length([3, 7, 11].map((at) => pictures[i].pose[at]), [3, 7, 11].map((at) => b[at])), 0);
+/** Length of the way between the cameras: what people know of their own film. */
+function walk(pictures) {
+  const at = pictures.flatMap(({ placement }) => (placement ? [placement.position] : []));
+  return at.slice(1).reduce((sum, b, i) => sum + Math.hypot(b.x - at[i].x, b.y - at[i].y, b.z - at[i].z), 0);
+}
 
-const numberWords = ["first", "second"];
-
-/** `describe` writes the scale into the place. */
-export function metreStick({ film, report, describe }) {
-  const usable = report.pictures.filter(({ registered, pose, keyframe }) => registered && pose && film?.picture(keyframe));
+/** `rewrite` writes the scale into the place. */
+export function metreStick({ film, report, rewrite }) {
+  const usable = report.pictures.filter(({ registered, keyframe }) => registered && film?.picture(keyframe));
   if (usable.length === 0) return undefined;
   const canvas = el("canvas", { id: "map-metre-picture", tabIndex: 0, role: "application", "aria-label": "Picture to mark two points in. Arrow keys move the cross, Enter marks." });
   const said = el("p", { class: "fine", id: "map-metre-said", role: "status" }, "Tap the first point.");
@@ -18,7 +18,7 @@ export function metreStick({ film, report, describe }) {
   let index = Math.floor(usable.length / 2);
   let bitmap;
   let cursor;
-  /** `{ u, v, world }`: shares of the picture's width and height, and where that is. */
+  /** `{ u, v }`: shares of the picture's width and height. */
   let marks = [];
 
   const draw = () => {
@@ -53,9 +53,8 @@ export function metreStick({ film, report, describe }) {
   };
   const mark = (u, v) => {
     if (marks.length === 2) marks = [];
-    const world = point(report, usable[index].pose, u, v);
-    if (world) marks.push({ u, v, world });
-    said.textContent = world ? (marks.length === 1 ? "Now the second point." : "Type how far apart they are.") : `The map knows nothing near the ${numberWords[marks.length]} point: choose one with an edge or a pattern.`;
+    marks.push({ u, v });
+    said.textContent = marks.length === 1 ? "Now the second point." : "Type how far apart they are.";
     set.disabled = marks.length < 2;
     draw();
     if (marks.length === 2) distance.focus();
@@ -78,14 +77,15 @@ export function metreStick({ film, report, describe }) {
   });
   const apply = async () => {
     const metres = Number(distance.value);
-    const units = marks.length === 2 ? length(marks[0].world, marks[1].world) : 0;
-    if (!(metres > 0) || !(units > 0)) return void (said.textContent = "Mark two points and type their distance in metres.");
+    if (!(metres > 0) || marks.length < 2) return void (said.textContent = "Mark two points and type their distance in metres.");
+    // Pixels of the frames that the mapper saw; the pictures that are kept may be smaller.
+    const [from, to] = marks.map(({ u, v }) => ({ keyframe: usable[index].keyframe, x: u * report.width, y: v * report.height }));
     try {
-      await describe({ metresPerUnit: metres / units });
-      said.textContent = `Lengths are in metres now. By this scale your walk was ${(walk(usable) * (metres / units)).toFixed(1)} m long; if that is far off, mark other points.`;
+      const { pictures } = await rewrite({ scale: { from, to, metres } });
+      said.textContent = `Lengths are in metres now. By this scale your walk was ${walk(pictures).toFixed(1)} m long; if that is far off, mark other points.`;
       set.disabled = true;
     } catch (error) {
-      said.textContent = `The scale was not set: ${error.message}.`;
+      said.textContent = `The scale was not set: ${error.message}. ${error.hint ?? ""}`.trim();
     }
   };
   const choose = async (by) => {

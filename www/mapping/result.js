@@ -14,7 +14,8 @@ export async function resultStep(flow, { scene, report, name }) {
   const mapper = await flow.mapper();
   const registered = report.pictures.filter((picture) => picture.registered);
   const missing = report.pictures.filter((picture) => !picture.registered);
-  const place = { scene, name, kept: undefined, metric: report.units === "metres", up: upOf(registered) };
+  const place = { scene, name, kept: undefined, report };
+  let View;
   let view;
   let left = false;
 
@@ -28,7 +29,7 @@ export async function resultStep(flow, { scene, report, name }) {
   const keep = async () => {
     if (!canKeep()) return void (kept.textContent = cannotKeepWords);
     try {
-      place.kept = await keepPlace(place.scene, { name: place.name, pictures: registered.length, metric: place.metric }, place.kept?.id);
+      place.kept = await keepPlace(place.scene, { name: place.name, pictures: registered.length, metric: place.report.units === "metres" }, place.kept?.id);
       kept.textContent = `Kept in My places as “${place.name}”, ${bytes(place.kept.bytes)}.`;
       // The map is there: the film is needed no more when this page is gone.
       await film.discard();
@@ -40,11 +41,16 @@ export async function resultStep(flow, { scene, report, name }) {
     again.hidden = true;
   };
   const again = button("Keep it now", keep, { kind: "small-button", id: "map-keep", hidden: true });
-  /** The same place with its units or its up said otherwise. */
-  const describe = async (what) => {
-    place.scene = await mapper.describe(place.scene, what);
-    if (what.metresPerUnit) place.metric = true;
+  /** The same place in metres, or with another up; answers with what is known of it then. */
+  const rewrite = async (what) => {
+    ({ scene: place.scene, report: place.report } = await mapper.write({ name: place.name, ...what }));
+    if (what.scale) showIn3d();
     await keep();
+    return place.report;
+  };
+  const showIn3d = () => {
+    view?.dispose();
+    view = new View(frame, place.report);
   };
 
   field.addEventListener("change", async () => {
@@ -66,7 +72,6 @@ export async function resultStep(flow, { scene, report, name }) {
     [
       heading("Your place is mapped"),
       el("p", { id: "map-summary" }, `${facts.join(" · ")}.`),
-      registered.length < 0.7 * all ? el("p", { class: "problem-hint" }, "Many pictures found no place in the map: it may know a part of the room only. Filming again, more slowly, gives a better one.") : undefined,
       el("div", { class: "map-ways" }, button("Try it", () => flow.tryPlace(place.scene, place.name), { kind: "button button-main", id: "map-try" }), button("Save as a file", () => save(fileName(place.name), place.scene, "application/octet-stream"), { id: "map-save" })),
       el("label", { class: "map-name" }, "Name ", field),
       el("div", { class: "row" }, kept, again),
@@ -74,8 +79,8 @@ export async function resultStep(flow, { scene, report, name }) {
       el("p", { class: "fine" }, "Orange: lines. Blue: points. White: where the camera stood, with its way in green."),
       ...report.warnings.map((text) => el("p", { class: "problem-hint" }, text)),
       problems(missing, film?.leftOut ?? []),
-      typeof mapper.describe === "function" && report.intrinsics && report.map ? metreStick({ film, report, describe }) : undefined,
-      typeof mapper.describe === "function" ? upSliders(place.up, (up) => view?.setUp(up), describe) : undefined,
+      metreStick({ film, report, rewrite }),
+      upSliders(() => upOf(place.report), (up) => view?.setUp(up), rewrite),
       el("div", { class: "map-ways" }, button("Done", async () => {
         await flow.discardFilm();
         await flow.toBegin();
@@ -90,9 +95,9 @@ export async function resultStep(flow, { scene, report, name }) {
   );
   await keep();
   try {
-    const { ResultView } = await import("./result_view.js");
+    ({ ResultView: View } = await import("./result_view.js"));
     if (left) return;
-    view = new ResultView(frame, report, place.up);
+    showIn3d();
     viewNote.remove();
   } catch (error) {
     viewNote.textContent = `The 3D view needs WebGL, which this browser does not give (${error.message}). The map itself is not affected.`;
@@ -101,7 +106,7 @@ export async function resultStep(flow, { scene, report, name }) {
 
 /** What did not become part of the map, and why. */
 function problems(missing, leftOut) {
-  const rows = [...missing.map(({ name, keyframe, reason }) => [name ?? `Picture ${keyframe + 1}`, reason ?? "no position was found"]), ...leftOut];
+  const rows = [...missing.map(({ name, keyframe, reason, advice }) => [name ?? `Picture ${keyframe + 1}`, advice ?? reason?.replaceAll("-", " ") ?? "no position was found"]), ...leftOut];
   if (rows.length === 0) return undefined;
   return el("details", { class: "map-card", id: "map-problems" }, el("summary", {}, `${plural(rows.length, "picture")} left out, and why`), el("ul", {}, ...rows.map(([name, reason]) => el("li", {}, `${name}: ${reason}`))));
 }

@@ -5,14 +5,15 @@ const unit = ({ x, y, z }) => {
   return length > 1e-9 ? { x: x / length, y: y / length, z: z / length } : undefined;
 };
 
-/** Average of the cameras' own up: people hold their devices more or less upright. `pose` is camera to world, row-major. */
-export function upOf(pictures) {
+/** Up in a map; where it is not known, the average of the cameras' own: people hold their devices more or less upright. */
+export function upOf({ up, pictures }) {
+  if (up) return up;
   const sum = { x: 0, y: 0, z: 0 };
-  for (const { pose } of pictures) {
-    if (!pose) continue;
-    sum.x -= pose[1];
-    sum.y -= pose[5];
-    sum.z -= pose[9];
+  for (const { placement } of pictures) {
+    if (!placement) continue;
+    sum.x -= placement.worldFromCamera[1];
+    sum.y -= placement.worldFromCamera[5];
+    sum.z -= placement.worldFromCamera[9];
   }
   return unit(sum) ?? { x: 0, y: -1, z: 0 };
 }

@@ -2,15 +2,16 @@
 import { button, el } from "./elements.js";
 import { tilted } from "./up.js";
 
-/** `preview` shows another up at once, `describe` writes it into the place. */
-export function upSliders(up, preview, describe) {
+/** `up` tells what is up at present, `preview` shows another at once, `rewrite` writes it into the place. */
+export function upSliders(up, preview, rewrite) {
   const said = el("p", { class: "fine", role: "status" });
   const slider = (id) => el("input", { type: "range", id, min: -60, max: 60, step: 1, value: 0, oninput: () => preview(now()) });
   const [forward, sideways] = [slider("map-tilt-forward"), slider("map-tilt-sideways")];
-  const now = () => tilted(up, Number(forward.value), Number(sideways.value));
+  const now = () => tilted(up(), Number(forward.value), Number(sideways.value));
   const set = async () => {
     try {
-      await describe({ up: now() });
+      await rewrite({ up: now() });
+      forward.value = sideways.value = 0;
       said.textContent = "This is up now.";
     } catch (error) {
       said.textContent = `Not changed: ${error.message}.`;

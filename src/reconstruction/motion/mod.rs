@@ -20,6 +20,8 @@ mod contradict;
 mod grow;
 mod loops;
 mod start;
+#[cfg(test)]
+mod tests;
 mod verify;
 
 pub use candidates::{CandidateParams, candidate_pairs};

@@ -1,0 +1,187 @@
+use super::*;
+use crate::features::Keypoint;
+use crate::geometry::{Pixel, rotation_from_vector};
+use crate::math::Rng;
+use nalgebra::{Matrix3, Vector3};
+
+const FOCAL: f64 = 500.0;
+const CHANNELS: usize = 32;
+
+/// Points of a place, each with a descriptor of its own.
+struct Place {
+    points: Vec<Vector3<f64>>,
+    descriptors: Vec<Vec<f32>>,
+}
+
+fn place(seed: u64, count: usize, point: impl Fn(&mut Rng) -> Vector3<f64>) -> Place {
+    let mut rng = Rng::from_seed(seed);
+    Place {
+        points: (0..count).map(|_| point(&mut rng)).collect(),
+        descriptors: (0..count)
+            .map(|_| (0..CHANNELS).map(|_| rng.normal() as f32).collect())
+            .collect(),
+    }
+}
+
+fn in_depth(rng: &mut Rng) -> Vector3<f64> {
+    Vector3::new(
+        rng.range(-4.0, 4.0),
+        rng.range(-2.0, 2.0),
+        rng.range(3.0, 7.0),
+    )
+}
+
+/// What a camera sees of a place, half a pixel off.
+fn features(place: &Place, cam_from_world: &CamFromWorld, focal: f64, seed: u64) -> FeatureSet {
+    let mut rng = Rng::from_seed(seed);
+    let mut set = FeatureSet {
+        descriptor_channels: CHANNELS,
+        ..FeatureSet::default()
+    };
+    for (point, descriptor) in place.points.iter().zip(&place.descriptors) {
+        let p = cam_from_world.transform_point(point);
+        let (u, v) = (
+            focal * p.x / p.z + 320.0 + 0.5 * rng.normal(),
+            focal * p.y / p.z + 240.0 + 0.5 * rng.normal(),
+        );
+        if p.z < 0.5 || !(0.0..640.0).contains(&u) || !(0.0..480.0).contains(&v) {
+            continue;
+        }
+        set.keypoints.push(Keypoint {
+            pixel: Pixel::new(u, v),
+            score: 1.0,
+        });
+        let row: Vec<f32> = descriptor
+            .iter()
+            .map(|d| d + 0.2 * rng.normal() as f32)
+            .collect();
+        let norm = row.iter().map(|d| d * d).sum::<f32>().sqrt();
+        set.descriptors_nd.extend(row.iter().map(|d| d / norm));
+    }
+    set
+}
+
+/// A walk sideways, 20 cm a picture, that sways.
+fn walk(i: usize) -> CamFromWorld {
+    let t = i as f64;
+    let center = Vector3::new(0.2 * t - 2.0, 0.1 * (0.7 * t).sin(), 0.15 * (0.4 * t).cos());
+    let rotation: Matrix3<f64> =
+        rotation_from_vector(&Vector3::new(0.0, 0.03 * (0.5 * t).sin(), 0.0));
+    CamFromWorld::new(rotation, -(rotation * center))
+}
+
+fn run(sets: &[FeatureSet], group: CameraGroup) -> Result<Motion, MotionError> {
+    let pictures: Vec<Picture<'_>> = sets
+        .iter()
+        .map(|features| Picture {
+            features,
+            camera: 0,
+        })
+        .collect();
+    let params = MotionParams::default();
+    let groups = [group];
+    let matches = match_pictures(&pictures, &groups, &params, &mut |_, _, _| true)?;
+    reconstruct_motion(&pictures, &groups, &matches, &params, &mut |_, _, _| true)
+}
+
+fn known() -> CameraGroup {
+    CameraGroup::given(Camera::centered(640, 480, FOCAL))
+}
+
+/// Largest error of distances between camera centres, relative to the longest, the unit of length being free.
+fn distance_error(component: &Component, truth: impl Fn(usize) -> CamFromWorld) -> f64 {
+    let centers: Vec<(Vector3<f64>, Vector3<f64>)> = component
+        .cam_from_world
+        .iter()
+        .enumerate()
+        .filter_map(|(i, pose)| {
+            Some((pose.as_ref()?.center_in_world(), truth(i).center_in_world()))
+        })
+        .collect();
+    let mut pairs = Vec::new();
+    for i in 0..centers.len() {
+        for j in 0..i {
+            let found = (centers[i].0 - centers[j].0).norm();
+            pairs.push((found, (centers[i].1 - centers[j].1).norm()));
+        }
+    }
+    let scale = pairs.iter().map(|p| p.1).sum::<f64>() / pairs.iter().map(|p| p.0).sum::<f64>();
+    let longest = pairs.iter().map(|p| p.1).fold(0.0, f64::max);
+    let error = pairs.iter().map(|p| (scale * p.0 - p.1).abs());
+    error.fold(0.0, f64::max) / longest
+}
+
+#[test]
+fn a_walk_is_posed_and_foreign_pictures_are_left_out() {
+    let (here, elsewhere) = (place(1, 700, in_depth), place(2, 700, in_depth));
+    let mut sets: Vec<FeatureSet> = (0..20)
+        .map(|i| features(&here, &walk(i), FOCAL, i as u64))
+        .collect();
+    // One foreign picture, and one that is there twice.
+    sets.push(features(&elsewhere, &walk(3), FOCAL, 50));
+    sets.push(sets[19].clone());
+    let motion = run(&sets, known()).expect("a model");
+    assert_eq!(motion.components.len(), 1);
+    let component = &motion.components[0];
+    assert_eq!(component.num_registered(), 21);
+    assert_eq!(motion.left_out, [(20, LeftOut::NothingInCommon)]);
+    let error = distance_error(component, |i| walk(if i == 21 { 19 } else { i }));
+    assert!(error < 0.01, "{error}");
+}
+
+#[test]
+fn an_unknown_focal_length_is_found() {
+    let here = place(3, 700, in_depth);
+    let sets: Vec<FeatureSet> = (0..20)
+        .map(|i| features(&here, &walk(i), FOCAL, i as u64))
+        .collect();
+    let motion = run(&sets, CameraGroup::unknown(640, 480)).expect("a model");
+    let (found, _) = motion.components[0].cameras[0].focal_px();
+    assert!((found / FOCAL - 1.0).abs() < 0.05, "{found}");
+    assert_eq!(motion.components[0].num_registered(), 20);
+}
+
+#[test]
+fn turning_on_the_spot_is_no_model() {
+    let here = place(4, 2_000, in_depth);
+    let turn = |i: usize| {
+        let rotation = rotation_from_vector(&Vector3::new(0.0, 0.05 * i as f64 - 0.4, 0.0));
+        CamFromWorld::new(rotation, Vector3::zeros())
+    };
+    let sets: Vec<FeatureSet> = (0..16)
+        .map(|i| features(&here, &turn(i), FOCAL, i as u64))
+        .collect();
+    let outcome = run(&sets, known());
+    assert!(
+        matches!(outcome, Err(MotionError::NoStart { turned, .. }) if turned > 0),
+        "{outcome:?}"
+    );
+}
+
+#[test]
+fn a_cut_makes_two_pieces() {
+    let (here, elsewhere) = (place(5, 700, in_depth), place(6, 700, in_depth));
+    let sets: Vec<FeatureSet> = (0..24)
+        .map(|i| {
+            let place = if i < 14 { &here } else { &elsewhere };
+            features(place, &walk(i % 14), FOCAL, i as u64)
+        })
+        .collect();
+    let motion = run(&sets, known()).expect("a model");
+    let sizes: Vec<usize> = motion
+        .components
+        .iter()
+        .map(Component::num_registered)
+        .collect();
+    assert_eq!(sizes, [14, 10]);
+}
+
+#[test]
+fn two_pictures_or_the_same_picture_are_refused_in_words() {
+    let here = place(7, 300, in_depth);
+    let set = features(&here, &walk(0), FOCAL, 0);
+    let one = run(core::slice::from_ref(&set), known()).expect_err("too few");
+    assert_eq!(one, MotionError::TooFew(1));
+    let same = run(&vec![set; 5], known()).expect_err("the same picture");
+    assert!(matches!(same, MotionError::NoStart { .. }), "{same}");
+}

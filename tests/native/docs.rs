@@ -92,6 +92,34 @@ fn links_between_documents_lead_somewhere() {
     );
 }
 
+/// Guides name the files that have to be touched; a name with a placeholder stands for a new one.
+#[test]
+fn files_of_the_guides_exist() {
+    let mut missing = Vec::new();
+    let folders = [
+        "src/",
+        "mapper/",
+        "testkit/",
+        "tests/",
+        "web/",
+        "docs/",
+        "benches/",
+        "xtask/",
+        "pkg-config/",
+        "www/",
+    ];
+    for guide in tree::files("docs/guides", ".md") {
+        let text = tree::read(&guide);
+        for name in text.split('`').skip(1).step_by(2) {
+            let is_path = folders.iter().any(|folder| name.starts_with(folder));
+            if is_path && !name.contains(['<', ' ', '*']) && !tree::root().join(name).exists() {
+                missing.push(format!("{guide}: {name}"));
+            }
+        }
+    }
+    assert!(missing.is_empty(), "no such file:\n{}", missing.join("\n"));
+}
+
 #[test]
 fn documented_commands_exist() {
     let table = tree::read("xtask/src/main.rs");

@@ -174,6 +174,33 @@ fn unsafe_code_stays_in_kernels() {
     );
 }
 
+#[test]
+fn unsafe_code_is_in_the_inventory() {
+    let mut found = Vec::new();
+    for file in tree::rust_files(".") {
+        let is_unsafe = |(_, ident): &(usize, String)| ident == "unsafe";
+        // Most files do not hold the word, and need not be parsed.
+        if tree::read(&file).contains("unsafe") {
+            let times = rust::identifiers(&file).into_iter().filter(is_unsafe);
+            found.push((file, times.count()));
+        }
+    }
+    found.retain(|(_, times)| *times > 0);
+    let text = tree::read("docs/SUPPLY.md");
+    let table: Vec<(String, usize)> = text
+        .lines()
+        .skip_while(|line| !line.starts_with("| file | times |"))
+        .skip(2)
+        .take_while(|line| line.starts_with('|'))
+        .filter_map(|row| {
+            let mut cells = row.trim_matches('|').split('|').map(str::trim);
+            let file = cells.next()?.trim_matches('`').to_owned();
+            Some((file, cells.next()?.parse().ok()?))
+        })
+        .collect();
+    assert_eq!(found, table, "the inventory of docs/SUPPLY.md");
+}
+
 /// Test support is asked for by tests, benches and examples; it is not built into what ships.
 #[test]
 fn what_ships_does_not_depend_on_test_support() {

@@ -1,4 +1,4 @@
-/** A camera's position in all the forms that are handed out. The only place that flips axes. */
+/** A camera's position in all the forms that are handed out: where a result's axes are flipped. */
 import type { Placement } from "./types.js";
 
 /** Inverse of a rigid transform, a row-major 4x4 matrix: of `cameraFromWorld` the `worldFromCamera`, and the other way round. */

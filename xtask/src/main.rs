@@ -1,5 +1,6 @@
 //! Developer commands of landline: `cargo xtask <command>`. This file is only the table of commands.
 
+mod audit;
 mod bench;
 mod ci;
 mod demo;
@@ -30,6 +31,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Api(web::api::Args),
+    Audit(audit::Args),
     Bench(bench::Args),
     Ci(ci::Args),
     Demo(demo::Args),
@@ -45,6 +47,7 @@ enum Command {
 fn run(command: Command) -> Result<()> {
     match command {
         Command::Api(args) => web::api::run(&args),
+        Command::Audit(args) => audit::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Ci(args) => ci::run(&args),
         Command::Demo(args) => demo::run(&args),

@@ -1,7 +1,7 @@
 //! Counting tests over all tiers, and the closing line.
 
 use std::fmt;
-use std::ops::AddAssign;
+use std::ops::{Add, AddAssign};
 
 /// How many tests passed, failed and were skipped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -26,6 +26,15 @@ impl Tally {
         let moved = count.min(self.passed);
         self.passed -= moved;
         self.skipped += moved;
+        self
+    }
+}
+
+impl Add for Tally {
+    type Output = Self;
+
+    fn add(mut self, other: Self) -> Self {
+        self += other;
         self
     }
 }

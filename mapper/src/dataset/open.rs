@@ -28,7 +28,7 @@ struct Reader {
 }
 
 /// All formats, in the order in which they are tried; the first that recognises the path reads it.
-const READERS: [Reader; 8] = [
+const READERS: &[Reader] = &[
     Reader {
         format: Format::Colmap,
         recognises: |path| colmap::find_model(path).is_some(),

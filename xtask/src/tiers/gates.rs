@@ -9,7 +9,7 @@ use anyhow::Result;
 pub(crate) fn sources() -> Tally {
     gate("format", || {
         shell::run(shell::cargo().args(["fmt", "--all", "--check"]))
-    })
+    }) + gate("licences are those of deny.toml", crate::audit::licences)
 }
 
 /// The npm package: builds it and holds it against `pkg-config/`.

@@ -1,12 +1,15 @@
 //! `cargo xtask serve`: a static server for the demo page on this machine. It can behave like the hosts that are hard
 //! on a page: a sub-path instead of the root, strict policy headers, cross-origin isolation.
 
+mod lan;
+
 use crate::paths;
 use anyhow::{Context as _, Result, bail};
+use lan::{Connection, Lan};
 use std::fs;
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
-use std::io::{BufRead as _, BufReader, Write as _};
-use std::net::{TcpListener, TcpStream};
+use std::io::{BufRead as _, BufReader};
+use std::net::{IpAddr, Ipv4Addr, TcpListener, TcpStream};
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -37,6 +40,13 @@ pub(crate) struct Args {
     /// Sends the headers that make a page cross-origin isolated.
     #[arg(long)]
     pub(crate) isolated: bool,
+    /// Also for other devices of this network, such as a phone: by HTTPS with a certificate made here, and with a code to scan.
+    /// Everybody in the network can then read what is served.
+    #[arg(long)]
+    pub(crate) lan: bool,
+    /// This machine's address in the network, where the one that is found is not the right one.
+    #[arg(long, requires = "lan", value_name = "IP")]
+    pub(crate) lan_address: Option<IpAddr>,
 }
 
 impl Default for Args {
@@ -47,6 +57,8 @@ impl Default for Args {
             base: "/".to_owned(),
             strict: false,
             isolated: false,
+            lan: false,
+            lan_address: None,
         }
     }
 }
@@ -58,6 +70,8 @@ struct Site {
     /// Begins and ends with a slash.
     base: String,
     headers: String,
+    /// For other devices of the network.
+    lan: Option<Lan>,
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
@@ -99,12 +113,31 @@ impl Server {
             headers.push_str("Cross-Origin-Opener-Policy: same-origin\r\nCross-Origin-Embedder-Policy: require-corp\r\n");
         }
         let base = format!("/{}/", args.base.trim_matches('/')).replace("//", "/");
-        let listener = listen(args.port)?;
-        let url = format!("http://localhost:{}{base}", listener.local_addr()?.port());
+        let lan = args.lan.then(|| Lan::new(args.lan_address)).transpose()?;
+        let interface = if lan.is_some() {
+            Ipv4Addr::UNSPECIFIED
+        } else {
+            Ipv4Addr::LOCALHOST
+        };
+        let listener = listen(interface, args.port)?;
+        let port = listener.local_addr()?.port();
+        let url = match &lan {
+            Some(Lan {
+                address: IpAddr::V6(address),
+                ..
+            }) => format!("https://[{address}]:{port}{base}"),
+            Some(Lan { address, .. }) => format!("https://{address}:{port}{base}"),
+            None => format!("http://localhost:{port}{base}"),
+        };
         let dir = dir
             .canonicalize()
             .with_context(|| format!("cannot open {}", dir.display()))?;
-        let site = Arc::new(Site { dir, base, headers });
+        let site = Arc::new(Site {
+            dir,
+            base,
+            headers,
+            lan,
+        });
         Ok(Self {
             listener,
             site,
@@ -119,6 +152,15 @@ impl Server {
             self.site.dir.display(),
             self.url
         );
+        if self.site.lan.is_some() {
+            if let Ok(code) = lan::code(&self.url) {
+                println!("\n{code}\n");
+            }
+            println!(
+                "Scan it with a device of the same network. Its browser does not know the certificate, which was made here: choose\n\
+                 \"advanced\", then go on. Everybody in the network can read what is served."
+            );
+        }
         self.answer_all();
     }
 
@@ -133,7 +175,7 @@ impl Server {
             let (site, num_open) = (Arc::clone(&self.site), Arc::clone(&num_open));
             std::thread::spawn(move || {
                 // A browser that went away is no news.
-                drop(serve(&site, &stream));
+                drop(greet(&site, stream));
                 num_open.fetch_sub(1, Ordering::Relaxed);
             });
         }
@@ -145,12 +187,12 @@ impl Server {
 const WORKER_POLICY: &str =
     "Content-Security-Policy: default-src 'none'; script-src 'self' 'wasm-unsafe-eval'\r\n";
 
-/// Only this machine's loopback: the page may hold a private scene.
-fn listen(port: u16) -> Result<TcpListener> {
-    match TcpListener::bind(("127.0.0.1", port)) {
+/// Only this machine's loopback unless asked otherwise: the page may hold a private scene.
+fn listen(interface: Ipv4Addr, port: u16) -> Result<TcpListener> {
+    match TcpListener::bind((interface, port)) {
         Ok(listener) => Ok(listener),
         Err(error) if error.kind() == std::io::ErrorKind::AddrInUse => {
-            TcpListener::bind(("127.0.0.1", 0))
+            TcpListener::bind((interface, 0))
                 .context("no free port")
                 .inspect(|_| {
                     println!("port {port} is in use, taking another");
@@ -173,12 +215,23 @@ fn policy(dir: &Path) -> Result<String> {
     ))
 }
 
-fn serve(site: &Site, stream: &TcpStream) -> Result<()> {
+fn greet(site: &Site, stream: TcpStream) -> Result<()> {
     stream.set_write_timeout(Some(IDLE_TIME))?;
+    match &site.lan {
+        None => serve(site, stream),
+        Some(lan) => serve(
+            site,
+            lan::shake_hands(&lan.tls, stream, Instant::now() + HEAD_TIME)?,
+        ),
+    }
+}
+
+fn serve(site: &Site, stream: impl Connection) -> Result<()> {
     let mut reader = BufReader::new(stream);
     loop {
         // The first byte may take its time, what follows may not.
-        stream.set_read_timeout(Some(IDLE_TIME))?;
+        let socket = reader.get_ref().socket();
+        socket.set_read_timeout(Some(IDLE_TIME))?;
         if reader.fill_buf()?.is_empty() {
             return Ok(());
         }
@@ -195,7 +248,7 @@ fn serve(site: &Site, stream: &TcpStream) -> Result<()> {
             }
         }
         let answer = answer(site, &head);
-        let mut out = stream;
+        let out = reader.get_mut();
         out.write_all(answer.head.as_bytes())?;
         out.write_all(&answer.body)?;
         out.flush()?;
@@ -203,7 +256,7 @@ fn serve(site: &Site, stream: &TcpStream) -> Result<()> {
 }
 
 /// One line, its end included, that has to be there by `deadline`: a sender of single bytes holds no thread for ever.
-fn line_before(reader: &mut BufReader<&TcpStream>, deadline: Instant) -> Result<Vec<u8>> {
+fn line_before(reader: &mut BufReader<impl Connection>, deadline: Instant) -> Result<Vec<u8>> {
     // Ample for a browser's line.
     const MAX_LINE: usize = 16 << 10;
     let mut line = Vec::new();
@@ -212,7 +265,7 @@ fn line_before(reader: &mut BufReader<&TcpStream>, deadline: Instant) -> Result<
         if left.is_zero() {
             bail!("the request did not arrive in time");
         }
-        reader.get_ref().set_read_timeout(Some(left))?;
+        reader.get_ref().socket().set_read_timeout(Some(left))?;
         let bytes = reader.fill_buf()?;
         if bytes.is_empty() {
             bail!("the request ends in its head");
@@ -232,7 +285,8 @@ fn line_before(reader: &mut BufReader<&TcpStream>, deadline: Instant) -> Result<
 
 /// Whether a request asks for this machine by its own name. A page of the web can have its name point here (DNS rebinding);
 /// its requests still carry that name. Requests without a name come from no browser.
-fn is_local(head: &[String]) -> bool {
+fn is_own(site: &Site, head: &[String]) -> bool {
+    let address = site.lan.as_ref().map(|lan| lan.address);
     head.iter()
         .skip(1)
         .filter_map(|line| line.split_once(':'))
@@ -243,9 +297,14 @@ fn is_local(head: &[String]) -> bool {
                 Some((name, port)) if port.bytes().all(|b| b.is_ascii_digit()) => name,
                 _ => host,
             };
+            let is_address = |own: IpAddr| {
+                let name = name.trim_start_matches('[').trim_end_matches(']');
+                name.parse() == Ok(own)
+            };
             ["localhost", "127.0.0.1", "[::1]"]
                 .iter()
                 .any(|own| name.eq_ignore_ascii_case(own))
+                || address.is_some_and(is_address)
         })
 }
 
@@ -269,13 +328,13 @@ fn answer(site: &Site, head: &[String]) -> Answer {
         );
     }
     let is_head = method == "HEAD";
-    if !is_local(head) {
+    if !is_own(site, head) {
         return reply(
             site,
             "421 Misdirected Request",
             "text/plain",
             "",
-            b"this server answers to localhost only".to_vec(),
+            b"this server answers to its own address only".to_vec(),
             is_head,
         );
     }
@@ -424,179 +483,4 @@ fn mime(path: &Path) -> &'static str {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn site(base: &str) -> Site {
-        Site {
-            dir: PathBuf::from(env!("CARGO_MANIFEST_DIR"))
-                .canonicalize()
-                .expect("is there"),
-            base: base.to_owned(),
-            headers: String::new(),
-        }
-    }
-
-    fn status(site: &Site, line: &str) -> String {
-        answer(site, &[line.to_owned()])
-            .head
-            .lines()
-            .next()
-            .unwrap_or("")
-            .to_owned()
-    }
-
-    #[test]
-    fn serves_files_of_the_folder_only() {
-        let site = site("/");
-        assert_eq!(status(&site, "GET /Cargo.toml HTTP/1.1"), "HTTP/1.1 200 OK");
-        assert_eq!(
-            status(&site, "GET /src/../Cargo.toml HTTP/1.1"),
-            "HTTP/1.1 404 Not Found"
-        );
-        assert_eq!(
-            status(&site, "GET /%2e%2e/Cargo.toml HTTP/1.1"),
-            "HTTP/1.1 404 Not Found"
-        );
-        assert_eq!(
-            status(&site, "GET //etc/hostname HTTP/1.1"),
-            "HTTP/1.1 404 Not Found"
-        );
-        assert_eq!(
-            status(&site, "POST /Cargo.toml HTTP/1.1"),
-            "HTTP/1.1 405 Method Not Allowed"
-        );
-        assert_eq!(status(&site, ""), "HTTP/1.1 405 Method Not Allowed");
-    }
-
-    #[test]
-    fn files_carry_their_version_and_the_worker_its_policy() {
-        let site = site("/");
-        let head = |path: &str| answer(&site, &[format!("GET {path} HTTP/1.1")]).head;
-        let etag = |path: &str| {
-            let head = head(path);
-            let line = head.lines().find(|line| line.starts_with("ETag: "));
-            line.expect("has one").to_owned()
-        };
-        assert_eq!(etag("/Cargo.toml"), etag("/Cargo.toml"));
-        assert_ne!(etag("/Cargo.toml"), etag("/src/main.rs"));
-        assert!(!head("/Cargo.toml").contains("Content-Security-Policy"));
-        let folder =
-            std::env::temp_dir().join(format!("landline-serve-worker-{}", std::process::id()));
-        fs::create_dir_all(&folder).expect("writable");
-        fs::write(folder.join("worker.js"), "").expect("writable");
-        let site = Site {
-            dir: folder.canonicalize().expect("is there"),
-            ..site
-        };
-        let head = answer(&site, &["GET /worker.js HTTP/1.1".to_owned()]).head;
-        assert!(head.contains(WORKER_POLICY), "{head}");
-        fs::remove_dir_all(&folder).expect("is there");
-    }
-
-    #[test]
-    fn answers_to_the_names_of_this_machine_only() {
-        let site = site("/");
-        let status = |host: &str| {
-            let head = [
-                "GET /Cargo.toml HTTP/1.1".to_owned(),
-                format!("Host: {host}"),
-            ];
-            let answer = answer(&site, &head);
-            answer.head.lines().next().unwrap_or("").to_owned()
-        };
-        for host in [
-            "localhost:8080",
-            "LocalHost",
-            "127.0.0.1:1",
-            "[::1]:8080",
-            "[::1]",
-        ] {
-            assert_eq!(status(host), "HTTP/1.1 200 OK", "{host}");
-        }
-        for host in [
-            "evil.example:8080",
-            "localhost.evil.example",
-            "127.0.0.1.evil.example",
-            "",
-        ] {
-            assert_eq!(status(host), "HTTP/1.1 421 Misdirected Request", "{host}");
-        }
-    }
-
-    #[cfg(unix)]
-    #[test]
-    fn links_out_of_the_folder_lead_nowhere() {
-        let folder = std::env::temp_dir().join(format!("landline-serve-{}", std::process::id()));
-        fs::create_dir_all(folder.join("site/a")).expect("writable");
-        fs::write(folder.join("private.txt"), "private").expect("writable");
-        fs::write(folder.join("site/own.txt"), "own").expect("writable");
-        let link = |from: &str, to: &str| {
-            std::os::unix::fs::symlink(from, folder.join(to)).expect("writable");
-        };
-        link("../private.txt", "site/out.txt");
-        link("..", "site/up");
-        link("own.txt", "site/in.txt");
-        let site = Site {
-            dir: folder.join("site").canonicalize().expect("is there"),
-            ..site("/")
-        };
-        assert_eq!(status(&site, "GET /in.txt HTTP/1.1"), "HTTP/1.1 200 OK");
-        for path in ["out.txt", "up/private.txt"] {
-            assert_eq!(
-                status(&site, &format!("GET /{path} HTTP/1.1")),
-                "HTTP/1.1 404 Not Found"
-            );
-        }
-        fs::remove_dir_all(&folder).expect("exists");
-    }
-
-    #[test]
-    fn a_sender_of_single_bytes_is_dropped_at_its_deadline() {
-        let listener = TcpListener::bind(("127.0.0.1", 0)).expect("a port");
-        let address = listener.local_addr().expect("has one");
-        let sender = std::thread::spawn(move || {
-            let mut stream = TcpStream::connect(address).expect("listens");
-            // Until the other side hangs up.
-            while stream.write_all(b"G").is_ok() {
-                std::thread::sleep(Duration::from_millis(20));
-            }
-        });
-        let (stream, _) = listener.accept().expect("connects");
-        let mut reader = BufReader::new(&stream);
-        let deadline = Instant::now() + Duration::from_millis(200);
-        assert!(line_before(&mut reader, deadline).is_err());
-        drop(reader);
-        drop(stream);
-        sender.join().expect("stops by itself");
-    }
-
-    #[test]
-    fn serves_below_a_sub_path() {
-        let site = site("/landline/");
-        assert_eq!(
-            status(&site, "GET /landline/Cargo.toml?v=1 HTTP/1.1"),
-            "HTTP/1.1 200 OK"
-        );
-        assert_eq!(
-            status(&site, "GET /Cargo.toml HTTP/1.1"),
-            "HTTP/1.1 404 Not Found"
-        );
-    }
-
-    #[test]
-    fn streams_wasm_with_its_own_type() {
-        // `WebAssembly.compileStreaming` refuses any other.
-        assert_eq!(mime(Path::new("a/b.wasm")), "application/wasm");
-    }
-
-    #[test]
-    fn reads_ranges() {
-        assert_eq!(span("bytes=0-3", 10), Some((0, 3)));
-        assert_eq!(span("bytes=4-", 10), Some((4, 9)));
-        assert_eq!(span("bytes=-3", 10), Some((7, 9)));
-        assert_eq!(span("bytes=4-99", 10), Some((4, 9)));
-        assert_eq!(span("bytes=10-", 10), None);
-        assert_eq!(span("bytes=0-", 0), None);
-    }
-}
+mod tests;

@@ -107,6 +107,11 @@ export class MapView {
     this.draw();
   }
 
+  /** World points that `reset` frames beside the map. */
+  keepInView(points) {
+    this.#pyramid = points;
+  }
+
   /** Which way is up from now on; the floor goes with it. */
   setUp({ x, y, z }) {
     this.#camera.up.set(x, y, z).normalize();

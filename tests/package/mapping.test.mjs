@@ -148,7 +148,7 @@ test("making the map can be cancelled, and what fails says why and what helps", 
   const { page, pictures, said } = await mapping(t, { told: { stepMs: 60 } });
   await page.click("[data-source=map]");
   const files = await Promise.all(pictures.slice(0, 4).map(async ({ name, path }) => ({ name, mimeType: "image/jpeg", buffer: await readFile(path) })));
-  await page.setInputFiles("#map-pictures", [...files, { name: "notes.jpg", mimeType: "image/jpeg", buffer: Buffer.from("no picture") }]);
+  await page.setInputFiles("#map-pictures", [...files, { name: "notes.jpg", mimeType: "image/jpeg", buffer: Buffer.from("no picture") }, { name: "night.bmp", mimeType: "image/bmp", buffer: blackBitmap() }]);
   await page.waitForSelector('.map-stages [data-state="now"]');
   await page.click("#map-cancel");
   await heading(page, "Cancelled");
@@ -167,6 +167,7 @@ test("making the map can be cancelled, and what fails says why and what helps", 
   await page.click("#map-again");
   await heading(page, "Your place is mapped");
   assert.match(await page.textContent("#map-problems"), /notes\.jpg: cannot be decoded/);
+  assert.match(await page.textContent("#map-problems"), /night\.bmp: too dark/);
   assert.equal(await page.evaluate(() => globalThis.mappers.length), 2);
   // The metre stick: two marks in a picture, by keyboard, and a distance.
   await page.click("#map-metre summary");
@@ -190,6 +191,55 @@ test("making the map can be cancelled, and what fails says why and what helps", 
   assert.deepEqual(said, []);
 });
 
+/** A black picture of 8 x 8 pixels. */
+function blackBitmap() {
+  const bytes = Buffer.alloc(54 + 8 * 24);
+  bytes.write("BM");
+  for (const [at, value] of [[2, bytes.length], [10, 54], [14, 40], [18, 8], [22, 8]]) bytes.writeUInt32LE(value, at);
+  bytes.writeUInt16LE(1, 26);
+  bytes.writeUInt16LE(24, 28);
+  return bytes;
+}
+
+test("a video file is looked through from its beginning to its end", { skip, timeout: 240_000 }, async (t) => {
+  const { page, said } = await mapping(t, { told: { stepMs: 1 } });
+  // As browsers record them: without a word on how long they are.
+  const recorded = await page.evaluate(async () => {
+    const canvas = document.createElement("canvas");
+    [canvas.width, canvas.height] = [320, 240];
+    const context = canvas.getContext("2d");
+    const recorder = new MediaRecorder(canvas.captureStream(15), { mimeType: "video/webm;codecs=vp8" });
+    const parts = [];
+    recorder.ondataavailable = ({ data }) => parts.push(data);
+    recorder.start();
+    let x = 0;
+    const painting = setInterval(() => {
+      context.fillStyle = "#dd8844";
+      context.fillRect(0, 0, 320, 240);
+      context.fillStyle = "#224466";
+      context.fillRect((x += 8), 60, 60, 90);
+    }, 50);
+    await new Promise((done) => setTimeout(done, 2000));
+    const stopped = new Promise((done) => (recorder.onstop = done));
+    recorder.stop();
+    clearInterval(painting);
+    await stopped;
+    const bytes = new Uint8Array(await new Blob(parts).arrayBuffer());
+    return btoa(Array.from(bytes, (b) => String.fromCharCode(b)).join(""));
+  });
+  await page.click("[data-source=map]");
+  await page.setInputFiles("#map-video", { name: "walk.webm", mimeType: "video/webm", buffer: Buffer.from(recorded, "base64") });
+  await heading(page, "Your place is mapped");
+  const [, all] = /of (\d+) pictures/.exec(await page.textContent("#map-summary"));
+  t.diagnostic(`${all} frames of two seconds`);
+  assert.ok(all >= 7 && all <= 11, `${all} frames: one every fifth of a second`);
+  await page.click("#map-done");
+  await page.setInputFiles("#map-video", { name: "walk.mp4", mimeType: "video/mp4", buffer: Buffer.from("no video") });
+  await page.waitForSelector("#map-held-hint");
+  assert.match(await page.textContent("#map-held-hint"), /MP4/);
+  assert.deepEqual(said, []);
+});
+
 test("storage that is full is said, and nothing is left half-written", { skip, timeout: 240_000 }, async (t) => {
   const { page, server, context } = await mapping(t, { camera: true });
   const session = await context.newCDPSession(page);
@@ -198,7 +248,7 @@ test("storage that is full is said, and nothing is left half-written", { skip, t
   await session.send("Storage.overrideQuotaForOrigin", { origin, quotaSize: usage + 120_000 });
   await page.click("[data-source=map]");
   await page.click("#map-camera");
-  await page.waitForFunction(() => /no storage left/.test(document.querySelector("#map-keeps")?.textContent));
+  await page.waitForFunction(() => /closed: there is no storage left/.test(document.querySelector("#map-keeps")?.textContent));
   await keptPictures(page, 8);
   await page.click("#map-stop");
   await heading(page, "Your place is mapped");

@@ -2,7 +2,7 @@
 import { feed } from "./feed.js";
 import { button, el, heading } from "./elements.js";
 import { loadingWords } from "./loading_words.js";
-import { defaultName, duration, plural, stages } from "./words.js";
+import { defaultName, duration, plural, stages, toGo } from "./words.js";
 
 export async function buildStep(flow) {
   const cancel = new AbortController();
@@ -48,7 +48,7 @@ export async function buildStep(flow) {
     }
     progress.max = 1;
     progress.value = share;
-    eta.textContent = etaSeconds === undefined ? `${duration((performance.now() - started) / 1000)} so far` : `About ${duration(etaSeconds)} to go`;
+    eta.textContent = etaSeconds === undefined ? `${duration((performance.now() - started) / 1000)} so far` : toGo(etaSeconds);
   };
   try {
     const mapper = await feed(flow, (event) => {

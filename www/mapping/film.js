@@ -9,6 +9,22 @@ const where = "landline-film";
 const maxSide = 1280;
 const quality = 0.92;
 
+let claimed;
+
+/** Only one tab keeps a film, from here on until it is closed; true when that is this one. */
+async function claim() {
+  if (!navigator.locks) return true;
+  claimed ??= new Promise((done) => {
+    void navigator.locks.request(where, { ifAvailable: true }, (lock) => {
+      done(lock !== null);
+      return lock && new Promise(() => {});
+    });
+  });
+  const mine = await claimed;
+  if (!mine) claimed = undefined;
+  return mine;
+}
+
 export class Film {
   /** `camera`, `video` or `pictures`. */
   source;
@@ -30,6 +46,7 @@ export class Film {
   static async begin(source) {
     const film = new Film(source, new Date().toISOString());
     try {
+      if (!(await claim())) throw new Error("another tab of this page keeps a film");
       await removeFolder(where);
       film.#directory = await folder(where);
       await write(film.#directory, "film.json", JSON.stringify({ source, started: film.started }));
@@ -42,7 +59,7 @@ export class Film {
 
   /** The film that an earlier visit left unfinished, if there is one. */
   static async left() {
-    if (!canKeep()) return undefined;
+    if (!canKeep() || !(await claim())) return undefined;
     try {
       const directory = await folder(where);
       const all = await names(directory);

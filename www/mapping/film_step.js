@@ -64,7 +64,7 @@ export async function filmStep(flow, source, files) {
     // The ring is full when a room of usual size would be known; filming may go on.
     coverage.set(length / (mapper?.coverage.enough ?? Infinity));
     finish.disabled = length === 0;
-    keeps.textContent = flow.film.unkept ? "These pictures are lost when the page is closed: no storage left." : "";
+    keeps.textContent = flow.film.unkept ? `These pictures are lost when the page is closed: ${flow.film.unkept.message}.` : "";
   };
   const say = ({ text, kind }) => {
     if (advice.textContent !== text) advice.textContent = text;

@@ -52,6 +52,7 @@ export class ResultView {
     this.#cameras.add(new THREE.LineSegments(pyramids, new THREE.LineBasicMaterial({ color: "#e9edf2", transparent: true, opacity: 0.85 })));
     this.#cameras.add(new THREE.Line(new THREE.BufferGeometry().setFromPoints(at), new THREE.LineBasicMaterial({ color: "#4bd58a" })));
     this.#view.add(this.#cameras);
+    this.#view.keepInView(at);
   }
 
   setUp(up) {

@@ -40,7 +40,10 @@ export const stages = [
   ["write", "Writing the place"],
 ];
 
-/** Seconds in words that do not promise more than is known. */
+/** How long it takes, in words that do not promise more than is known. */
+export const toGo = (seconds) => (seconds < 8 ? "A few seconds to go" : `About ${duration(seconds)} to go`);
+
+/** Seconds in words. */
 export function duration(seconds) {
   if (!Number.isFinite(seconds)) return "";
   if (seconds < 8) return "a few seconds";

@@ -11,6 +11,7 @@ pub mod geometry;
 pub mod image;
 pub mod landmarks;
 pub mod lsd;
+pub mod mapping;
 pub mod math;
 pub mod models;
 pub mod nn;

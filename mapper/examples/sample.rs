@@ -14,7 +14,7 @@ use landline_mapper::args::{SceneArgs, TrainingArgs};
 use landline_mapper::dataset::{DatasetImage, Split};
 use landline_mapper::feature_cache::FeatureCache;
 use landline_mapper::files;
-use landline_mapper::labels::{LabelParams, Labels, Origin, build};
+use landline_mapper::labels::{Labels, Origin, TrackParams, build};
 use landline_mapper::progress::Progress;
 use landline_mapper::teach::{When, add_landmarks, trained_scene};
 use landline_mapper::terminal::Terminal;
@@ -93,7 +93,7 @@ fn main() -> Result<()> {
         &borrowed,
         features,
         origin,
-        &LabelParams::default(),
+        &TrackParams::default(),
         &Progress::Terminal,
     )?;
     labels.map.units = Units::Metres;

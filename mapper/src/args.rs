@@ -120,7 +120,7 @@ impl SceneArgs {
             lines: !self.no_lines,
             hold_out_every: self.hold_out_every,
             licence: self.licence.clone(),
-            created: now()?,
+            created: Some(now()?),
             max_bytes: self.size.max_bytes,
             precision: self.precision.into(),
         })

@@ -2,14 +2,14 @@
 
 use crate::dataset::DatasetImage;
 use crate::extract::{ExtractError, Extraction};
-use crate::progress::Progress;
+use crate::progress::{Progress, StageBars};
 use crate::unposed::{self, Found, UnposedError};
-use indicatif::ProgressBar;
 use landline::geometry::Camera;
 use landline::reconstruction::motion::{
-    CameraGroup, LeftOut, Motion, MotionError, MotionParams, Picture, Stage, match_pictures,
+    CameraGroup, LeftOut, Motion, MotionError, MotionParams, Picture, match_pictures,
     reconstruct_motion,
 };
+use pollster::block_on;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -101,14 +101,11 @@ pub fn pose_pictures(
     let after_features = Instant::now();
     let mut params = MotionParams::default();
     params.candidates.is_video = !request.is_unordered;
-    let mut bars = Bars::new(progress);
-    let matches = match_pictures(&pictures, &groups, &params, &mut |s, d, t| {
-        bars.tell(s, d, t)
-    })?;
-    let mut bars = Bars::new(progress);
-    let motion = reconstruct_motion(&pictures, &groups, &matches, &params, &mut |s, d, t| {
-        bars.tell(s, d, t)
-    })?;
+    let mut bars = StageBars::new(progress);
+    let matches = block_on(match_pictures(&pictures, &groups, &params, &mut bars))?;
+    let motion = block_on(reconstruct_motion(
+        &pictures, &groups, &matches, &params, &mut bars,
+    ))?;
     drop(bars);
     let mut summary = String::new();
     for (name, reason) in &unreadable {
@@ -183,40 +180,6 @@ fn check_camera(request: &PosingRequest, width: u32, height: u32) -> Result<(), 
         )));
     }
     Ok(())
-}
-
-/// One bar for each stage, one after the other.
-struct Bars {
-    progress: Progress,
-    current: Option<(Stage, ProgressBar)>,
-}
-
-impl Bars {
-    fn new(progress: Progress) -> Self {
-        Self {
-            progress,
-            current: None,
-        }
-    }
-
-    fn tell(&mut self, stage: Stage, done: usize, total: usize) -> bool {
-        if self.current.as_ref().is_none_or(|(s, _)| *s != stage) {
-            if let Some((_, bar)) = self.current.take() {
-                bar.finish();
-            }
-            let what = match stage {
-                Stage::Match => "matching pictures",
-                Stage::Verify => "comparing pairs",
-                Stage::Grow => "placing pictures",
-                Stage::Adjust => "adjusting",
-            };
-            self.current = Some((stage, self.progress.bar(what, total)));
-        }
-        if let Some((_, bar)) = &self.current {
-            bar.set_position(done as u64);
-        }
-        true
-    }
 }
 
 /// What came out, a line each.

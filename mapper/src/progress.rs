@@ -1,6 +1,7 @@
 //! Progress on the terminal: bars with a remaining time, silent where nobody looks.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use landline::reconstruction::{Observer, Stage};
 use std::time::Duration;
 
 /// Makes progress bars.
@@ -41,5 +42,55 @@ impl Progress {
             what,
             "{msg:22} {spinner} {elapsed}",
         )
+    }
+}
+
+/// One bar for each stage of a reconstruction, one after the other.
+#[derive(Debug)]
+pub struct StageBars {
+    progress: Progress,
+    current: Option<(Stage, ProgressBar)>,
+}
+
+impl StageBars {
+    /// None yet.
+    pub fn new(progress: Progress) -> Self {
+        Self {
+            progress,
+            current: None,
+        }
+    }
+}
+
+impl Observer for StageBars {
+    fn tell(&mut self, stage: Stage, done: usize, total: usize) -> bool {
+        if self.current.as_ref().is_none_or(|(s, _)| *s != stage) {
+            if let Some((_, bar)) = self.current.take() {
+                bar.finish();
+            }
+            let what = match stage {
+                Stage::Match => "matching pictures",
+                Stage::Verify => "comparing pairs",
+                Stage::Grow => "placing pictures",
+                Stage::Adjust => "adjusting",
+                Stage::PosedMatch => "matching",
+                Stage::Points => "triangulating points",
+                Stage::Lines => "matching segments",
+                Stage::Landmarks => "choosing landmarks",
+            };
+            self.current = Some((stage, self.progress.bar(what, total)));
+        }
+        if let Some((_, bar)) = &self.current {
+            bar.set_position(done as u64);
+        }
+        true
+    }
+}
+
+impl Drop for StageBars {
+    fn drop(&mut self) {
+        if let Some((_, bar)) = self.current.take() {
+            bar.finish();
+        }
     }
 }

@@ -76,12 +76,11 @@ pub fn mutual_neighbours(a: &FeatureSet, b: &FeatureSet, min_cosine: f32) -> Vec
     matcher.matches(b, min_cosine).collect()
 }
 
-/// Matches pairs of views, in parallel; the result is in the order of the pairs. `done` is called after each pair.
+/// Matches pairs of views, in parallel; the result is in the order of the pairs.
 pub fn match_pairs(
     views: &[PosedView<'_>],
     pairs: &[(usize, usize)],
     params: &MatchParams,
-    done: &(impl Fn() + Sync),
 ) -> Vec<Match> {
     // Neighbouring pairs with the same first view share its preparation.
     let groups: Vec<&[(usize, usize)]> = pairs.chunk_by(|x, y| x.0 == y.0).collect();
@@ -92,7 +91,6 @@ pub fn match_pairs(
         }
         for &(i, j) in groups[g] {
             match_pair(views, i, j, params, matcher, &mut matches);
-            done();
         }
         matches
     });

@@ -29,6 +29,7 @@ mod track;
 mod triangulate;
 mod two_view;
 mod view;
+mod watch;
 
 pub use convention::{ConventionCheck, Misreading, check_convention};
 pub use cover::cover;
@@ -46,3 +47,5 @@ pub use track::{
 pub use triangulate::{Bundle, Ray};
 pub use two_view::{TwoView, TwoViewKind, TwoViewParams, Uncalibrated, two_view, uncalibrated};
 pub use view::{PosedView, View, planar_from_pixel};
+pub(crate) use watch::PIECE;
+pub use watch::{Observer, Pause, Stage, Watch};

@@ -121,7 +121,7 @@ pub fn probe_depth(views: &[PosedView<'_>], num_pairs: usize, params: &MatchPara
     }
     chosen.sort_unstable();
     chosen.dedup();
-    let matches = match_pairs(views, &chosen, params, &|| {});
+    let matches = match_pairs(views, &chosen, params);
     let mut depths = Vec::new();
     for m in matches {
         let (a, b) = (&views[m.a.view as usize], &views[m.b.view as usize]);

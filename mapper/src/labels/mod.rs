@@ -8,15 +8,15 @@ mod build;
 mod file;
 mod from_model;
 mod import;
-mod origin;
 mod variants;
 
-pub use build::{LabelError, LabelParams, LabelStats, build, build_from};
+pub use build::{LabelError, build, build_from};
 pub use file::LabelFileError;
 pub use from_model::{MAX_DISTANCE_PX, line_tracks_from_map, point_tracks_from_model};
 pub use import::Imported;
-pub use origin::Origin;
 pub use variants::{VariantStats, add_variants};
+
+pub use landline::mapping::{Origin, TrackParams, TrackStats};
 
 use landline::features::FeatureSet;
 use landline::reconstruction::{Reconstruction, View, ViewTargets};

@@ -11,18 +11,16 @@
 mod observer;
 mod scene;
 
+pub use landline::mapping::SceneRequest;
 pub use observer::{Event, Observer};
-pub use scene::{Measured, SceneRequest, add_landmarks, measure_landmarks, scene_of_landmarks};
+pub use scene::{Measured, add_landmarks, measure_landmarks, scene_of_landmarks};
 #[cfg(feature = "train")]
 pub use scene::{Training, When, trained_scene};
 
 use crate::dataset::{Dataset, DatasetImage, Split};
 use crate::extract::{ExtractError, Extraction};
-use crate::labels::{
-    Imported, LabelError, LabelParams, LabelStats, Labels, Origin, add_variants, build_from,
-};
-use landline::landmarks::LandmarkError;
-use landline::models::ModelError;
+use crate::labels::{Imported, LabelError, Labels, Origin, add_variants, build_from};
+use landline::mapping::{SceneError, TrackError, TrackParams, TrackStats};
 use landline::regress::RegressError;
 use landline::scene_file::{SceneFile, SceneFileError};
 use std::time::Instant;
@@ -36,12 +34,9 @@ pub enum TeachError {
     /// Nothing to see in the pictures.
     #[error(transparent)]
     Label(#[from] LabelError),
-    /// The map's landmarks make no network.
-    #[error("networks of the map's landmarks: {0}")]
-    Model(#[from] ModelError),
-    /// The map's landmarks make no table, or do not fit.
-    #[error("landmarks: {0}")]
-    Landmarks(#[from] LandmarkError),
+    /// The map makes no scene.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
     /// The scene cannot be written as a file.
     #[error(transparent)]
     File(#[from] SceneFileError),
@@ -133,13 +128,13 @@ pub fn labels(
     extraction: &Extraction,
     model_points: bool,
     observer: &mut dyn Observer,
-) -> Result<(Labels, LabelStats), TeachError> {
+) -> Result<(Labels, TrackStats), TeachError> {
     let positions = dataset.of_split(Split::Train);
     let chosen: Vec<&DatasetImage> = positions.iter().map(|i| &dataset.images[*i]).collect();
     let num_posed = chosen.iter().filter(|i| i.cam_from_world.is_some()).count();
     if num_posed < 2 {
         // Before anything expensive happens.
-        return Err(LabelError::TooFewPictures(num_posed).into());
+        return Err(LabelError::from(TrackError::TooFewPictures(num_posed)).into());
     }
     let progress = observer.progress();
     let start = Instant::now();
@@ -165,8 +160,8 @@ pub fn labels(
         features,
         origin,
         &imported,
-        &LabelParams::default(),
-        &progress,
+        &TrackParams::default(),
+        progress,
     )?;
     made.0.map.units = dataset.units;
     made.0.map.gravity = dataset.gravity;

@@ -1,10 +1,11 @@
 //! What happens while a place is taught, for who wants to know.
 
-use crate::labels::{LabelStats, VariantStats};
+use crate::labels::VariantStats;
 use crate::progress::Progress;
 #[cfg(feature = "train")]
 use crate::train::run::Trained;
 use landline::landmarks::LandmarkTable;
+use landline::mapping::TrackStats;
 use landline::scene_file::{HeldOut, Units};
 
 /// Something that happened.
@@ -20,7 +21,7 @@ pub enum Event<'a> {
     /// Points and lines are triangulated.
     Labels {
         /// About them.
-        stats: &'a LabelStats,
+        stats: &'a TrackStats,
         /// It took.
         seconds: f64,
     },

@@ -5,38 +5,18 @@ use crate::eval::{held_out, held_range};
 use crate::labels::Labels;
 #[cfg(feature = "train")]
 use crate::train::run::{Control, RunOptions, train};
-use landline::geometry::SceneScale;
-use landline::landmarks::anchors::{line_anchors, point_anchors};
-use landline::landmarks::from_map::{Budget, table};
-use landline::models::landmarks::untrained;
-use landline::models::{LineBranchConfig, PointBranchConfig, Preset, RegressorConfig};
+#[cfg(feature = "train")]
+use landline::mapping::Networks;
+use landline::mapping::{self, SceneError, SceneRequest, landmark_networks, scene_of};
 #[cfg(feature = "train")]
 use landline::nn::WeightTensor;
+#[cfg(feature = "train")]
 use landline::nn::Weights;
 use landline::reconstruction::Reconstruction;
-use landline::scene_file::{HeldOut, Precision, SceneFile, SceneInfo, Timestamp, TrainingSummary};
+use landline::scene_file::{HeldOut, Precision, SceneFile};
 use std::ops::Range;
 #[cfg(feature = "train")]
 use std::path::PathBuf;
-
-/// What a scene holds and says, whoever makes its networks.
-#[derive(Debug, Clone)]
-pub struct SceneRequest {
-    /// Most landmarks of the point branch; those of the preset when `None`.
-    pub anchors: Option<usize>,
-    /// Whether there is a line branch.
-    pub lines: bool,
-    /// One picture in so many is kept back, in one stretch, to measure the networks on; 0 keeps none.
-    pub hold_out_every: usize,
-    /// Licence of the map.
-    pub licence: String,
-    /// When it is made.
-    pub created: Timestamp,
-    /// Most bytes of the file; `None` for what serves.
-    pub max_bytes: Option<usize>,
-    /// How weights are stored.
-    pub precision: Precision,
-}
 
 /// When networks are trained.
 #[cfg(feature = "train")]
@@ -66,21 +46,6 @@ pub struct Training {
     pub variants: usize,
 }
 
-/// Networks with what a scene file says of how they came about.
-struct Networks {
-    preset: Preset,
-    config: RegressorConfig,
-    scale: SceneScale,
-    weights: Weights,
-    num_images: usize,
-    num_steps: u64,
-    seconds: f64,
-}
-
-/// Bytes of a scene, and of its landmarks at least, when nobody says.
-const USUAL_BYTES: usize = 400_000;
-const USUAL_TABLE: usize = 140_000;
-
 /// Share of the pictures kept back that the landmarks alone have to locate, and how well, as a share of the scene's scale, for
 /// training to be left out: what is looked at again from there ends where a trained network's would.
 #[cfg(feature = "train")]
@@ -100,15 +65,16 @@ pub struct Measured {
 /// A scene whose networks are the map's landmarks, all of them, without the table that is looked at again.
 ///
 /// # Errors
-/// [`TeachError::Model`] without any landmark.
+/// [`TeachError::Scene`] without any landmark.
 pub fn scene_of_landmarks(
     labels: &Labels,
     request: &SceneRequest,
     measured: Option<Measured>,
 ) -> Result<SceneFile, TeachError> {
-    let mut scene = scene(
-        landmark_networks(labels, request, &(0..0))?,
-        labels,
+    let mut scene = scene_of(
+        landmark_networks(&labels.map, request, &(0..0)).map_err(SceneError::from)?,
+        &labels.map,
+        &labels.origin,
         request,
     );
     scene.info.training.get_or_insert_default().held_out = measured.map(|m| m.held_out);
@@ -118,7 +84,7 @@ pub fn scene_of_landmarks(
 /// Measures networks that are landmarks on a stretch of pictures that is left out of them; `None` when none is to be.
 ///
 /// # Errors
-/// [`TeachError::Model`] without any landmark.
+/// [`TeachError::Scene`] without any landmark.
 pub fn measure_landmarks(
     labels: &Labels,
     request: &SceneRequest,
@@ -128,7 +94,8 @@ pub fn measure_landmarks(
     if held.is_empty() {
         return Ok(None);
     }
-    let mut scene = scene(landmark_networks(labels, request, &held)?, labels, request);
+    let networks = landmark_networks(&labels.map, request, &held).map_err(SceneError::from)?;
+    let mut scene = scene_of(networks, &labels.map, &labels.origin, request);
     let Some(held_out) = measure(&mut scene, labels, &held, request.precision)? else {
         return Ok(None);
     };
@@ -140,73 +107,6 @@ pub fn measure_landmarks(
         held_out,
         scale: scene.info.scale.scale,
     }))
-}
-
-/// Networks that know nothing of the `held` pictures.
-fn landmark_networks(
-    labels: &Labels,
-    request: &SceneRequest,
-    held: &Range<usize>,
-) -> Result<Networks, TeachError> {
-    let map = &labels.map;
-    let channels = map.descriptor_channels();
-    let scale = SceneScale::of(map.points.iter().map(|p| p.point_in_world));
-    let [usual_points, usual_lines] = usual_anchors(channels);
-    let points = point_anchors(map, held, &scale, request.anchors.unwrap_or(usual_points));
-    let lines = match request.lines {
-        true => line_anchors(map, held, &scale, usual_lines),
-        false => Vec::new(),
-    };
-    let (config, weights) = untrained(channels, &points, &lines)?;
-    Ok(Networks {
-        preset: Preset::Compact,
-        config,
-        scale,
-        weights,
-        num_images: map.views.len() - held.len(),
-        num_steps: 0,
-        seconds: 0.0,
-    })
-}
-
-/// Landmarks of both branches of preset `compact`.
-fn usual_anchors(channels: usize) -> [usize; 2] {
-    match RegressorConfig::preset(Preset::Compact, channels) {
-        RegressorConfig::Branches {
-            point: PointBranchConfig::Anchored(point),
-            line: Some(LineBranchConfig::Anchored(line)),
-        } => [point.num_anchors, line.num_anchors],
-        other => unreachable!("compact chooses among landmarks: {other:?}"),
-    }
-}
-
-/// The scene of some networks, without held-out accuracy and landmarks.
-fn scene(networks: Networks, labels: &Labels, request: &SceneRequest) -> SceneFile {
-    let origin = &labels.origin;
-    let info = SceneInfo {
-        preset: Some(networks.preset),
-        scale: networks.scale,
-        units: labels.map.units,
-        gravity: labels.map.gravity,
-        working_max_side: origin.working_max_side,
-        camera: labels.map.views.first().map(|v| v.camera),
-        training: Some(TrainingSummary {
-            num_images: networks.num_images as u64,
-            num_steps: networks.num_steps,
-            seconds: networks.seconds.round(),
-            held_out: None,
-            source: origin.source.clone(),
-        }),
-        licence: request.licence.clone(),
-        created: Some(request.created.clone()),
-        ..SceneInfo::new(origin.extractor, origin.extractor_sha256.clone())
-    };
-    SceneFile {
-        info,
-        config: networks.config,
-        weights: networks.weights,
-        landmarks: None,
-    }
 }
 
 /// Notes the held-out accuracy of a scene, of its weights as they are stored, on the pictures that were kept back. It is that
@@ -227,10 +127,10 @@ fn measure(
     Ok(Some(accuracy))
 }
 
-/// Gives a scene the landmarks of its map that are looked at again, as many as the size allows.
+/// [`mapping::add_landmarks`], told.
 ///
 /// # Errors
-/// [`TeachError::Landmarks`] when the map has none, or the size is too small.
+/// [`TeachError::Scene`] when the map has none, or the size is too small.
 pub fn add_landmarks(
     scene: &mut SceneFile,
     map: &Reconstruction,
@@ -238,16 +138,10 @@ pub fn add_landmarks(
     precision: Precision,
     observer: &mut dyn Observer,
 ) -> Result<(), TeachError> {
-    scene.landmarks = None;
-    let networks = scene.to_bytes(precision)?.len();
-    let usual = USUAL_BYTES.max(networks + USUAL_TABLE);
-    let budget = Budget {
-        max_bytes: max_bytes.unwrap_or(usual),
-        networks,
-    };
-    let table = table(map, budget)?;
-    observer.happened(&Event::Landmarks(&table));
-    scene.landmarks = Some(table);
+    mapping::add_landmarks(scene, map, max_bytes, precision)?;
+    if let Some(table) = &scene.landmarks {
+        observer.happened(&Event::Landmarks(table));
+    }
     Ok(())
 }
 
@@ -320,7 +214,7 @@ pub fn trained_scene(
         num_steps: trained.steps.iter().map(|(_, s)| *s as u64).sum(),
         seconds: trained.seconds,
     };
-    let mut scene = scene(networks, labels, request);
+    let mut scene = scene_of(networks, &labels.map, &labels.origin, request);
     measure(&mut scene, labels, &trained.held, request.precision)?;
     Ok(scene)
 }

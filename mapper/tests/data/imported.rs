@@ -3,7 +3,7 @@
 use crate::room::{Room, room};
 use landline::scene_file::Units;
 use landline_mapper::dataset::{Dataset, DatasetImage, ModelLine, ModelPoint};
-use landline_mapper::labels::{Imported, LabelParams, LabelStats, Labels, Origin, build_from};
+use landline_mapper::labels::{Imported, Labels, Origin, TrackParams, TrackStats, build_from};
 use landline_mapper::progress::Progress;
 
 /// The room as a reader would deliver it, with its exact points seen at exact pixels, and its exact lines.
@@ -56,7 +56,7 @@ fn labels(
     dataset: &Dataset,
     positions: &[usize],
     with_points: bool,
-) -> (Labels, LabelStats) {
+) -> (Labels, TrackStats) {
     let images: Vec<&DatasetImage> = positions.iter().map(|i| &dataset.images[*i]).collect();
     let features = positions
         .iter()
@@ -68,8 +68,8 @@ fn labels(
         features,
         Origin::default(),
         &imported,
-        &LabelParams::default(),
-        &Progress::Hidden,
+        &TrackParams::default(),
+        Progress::Hidden,
     )
     .expect("a good data set")
 }

@@ -2,19 +2,20 @@
 
 use crate::room::{Room, room};
 use landline::geometry::{CamFromWorld, Rigid};
+use landline::mapping::TrackError;
 use landline_mapper::dataset::DatasetImage;
-use landline_mapper::labels::{LabelError, LabelParams, LabelStats, Labels, Origin, build};
+use landline_mapper::labels::{LabelError, Labels, Origin, TrackParams, TrackStats, build};
 use landline_mapper::progress::Progress;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-fn run(room: Room) -> Result<(Labels, LabelStats), LabelError> {
+fn run(room: Room) -> Result<(Labels, TrackStats), LabelError> {
     let images: Vec<&DatasetImage> = room.images.iter().collect();
     build(
         &images,
         room.features,
         Origin::default(),
-        &LabelParams::default(),
-        &Progress::Hidden,
+        &TrackParams::default(),
+        Progress::Hidden,
     )
 }
 
@@ -164,7 +165,10 @@ fn one_picture_no_pose_and_no_overlap_are_told_apart() {
     for image in &mut unposed.images {
         image.cam_from_world = None;
     }
-    assert!(matches!(run(unposed), Err(LabelError::TooFewPictures(0))));
+    assert!(matches!(
+        run(unposed),
+        Err(LabelError::Tracks(TrackError::TooFewPictures(0)))
+    ));
 
     // Cameras that look in opposite directions, far from each other.
     let mut apart = room(2);
@@ -182,7 +186,9 @@ fn pictures_that_belong_to_other_poses_give_no_labels() {
     mixed.features.swap(2, 9);
     mixed.features.swap(4, 17);
     match run(mixed) {
-        Err(LabelError::NoOverlap { .. } | LabelError::PoseConvention { .. }) => {}
+        Err(LabelError::Tracks(
+            TrackError::NoOverlap { .. } | TrackError::PoseConvention { .. },
+        )) => {}
         Err(other) => panic!("unexpected: {other}"),
         Ok((_, stats)) => assert!(
             stats.labelled_keypoints < 0.3 * stats.keypoints,

@@ -3,6 +3,7 @@
 #[path = "../train/room.rs"]
 mod exact;
 
+use landline::mapping::SceneError;
 use landline::scene_file::{Precision, SceneFile, Timestamp, Units};
 use landline_mapper::teach::{
     Event, Observer, SceneRequest, TeachError, add_landmarks, measure_landmarks, scene_of_landmarks,
@@ -28,7 +29,7 @@ fn request() -> SceneRequest {
         lines: true,
         hold_out_every: 4,
         licence: "CC0".to_owned(),
-        created: Timestamp::parse("2026-02-03T12:00:00Z").expect("a moment"),
+        created: Some(Timestamp::parse("2026-02-03T12:00:00Z").expect("a moment")),
         max_bytes: None,
         precision: Precision::Int8,
     }
@@ -53,7 +54,7 @@ fn landmarks_alone_locate_what_they_do_not_know() {
     let read = SceneFile::from_bytes(&bytes).expect("reads").info;
     assert_eq!(read.units, Units::Metres);
     assert_eq!(read.gravity, labels.map.gravity);
-    assert_eq!(read.created, Some(request.created));
+    assert_eq!(read.created, request.created);
     let training = read.training.expect("says how it came about");
     assert_eq!((training.num_steps, training.num_images), (0, 8));
     assert_eq!(training.held_out, Some(held_out));
@@ -65,7 +66,7 @@ fn a_map_without_points_is_no_scene() {
     labels.map.points.clear();
     let refused = scene_of_landmarks(&labels, &request(), None);
     assert!(
-        matches!(refused, Err(TeachError::Model(_))),
+        matches!(refused, Err(TeachError::Scene(SceneError::Model(_)))),
         "{:?}",
         refused.err()
     );

@@ -10,7 +10,7 @@ mod matching;
 mod world_line;
 
 use super::track::describe_lines;
-use super::{LineTrack, PosedView, planar_from_pixel};
+use super::{LineTrack, PIECE, PosedView, Stage, Watch, planar_from_pixel};
 use crate::geometry::{CamFromWorld, Camera, Segment2};
 use crate::math::parallel;
 pub use complete::{KnownLine, assign_segments};
@@ -50,23 +50,24 @@ impl Default for LineParams {
     }
 }
 
-/// Builds the line tracks of a scene; `pairs` as for points.
-pub fn build_line_tracks(
+/// Builds the line tracks of a scene; `pairs` as for points. `None` when stopped.
+pub async fn build_line_tracks(
     views: &[PosedView<'_>],
     pairs: &[(usize, usize)],
     depth: f64,
     params: &LineParams,
-    done: &(impl Fn() + Sync),
-) -> Vec<LineTrack> {
-    let matches: Vec<SegmentMatch> = parallel::map(pairs.len(), |pair| {
-        let (i, j) = pairs[pair];
-        let found = matching::match_pair(views, i, j, depth, params);
-        done();
-        found
-    })
-    .into_iter()
-    .flatten()
-    .collect();
+    watch: &mut Watch<'_>,
+) -> Option<Vec<LineTrack>> {
+    let mut matches: Vec<SegmentMatch> = Vec::new();
+    for (piece, done) in pairs.chunks(PIECE).zip((PIECE..).step_by(PIECE)) {
+        let found = parallel::map(piece.len(), |pair| {
+            let (i, j) = piece[pair];
+            matching::match_pair(views, i, j, depth, params)
+        });
+        matches.extend(found.into_iter().flatten());
+        let done = done.min(pairs.len());
+        watch.tell(Stage::Lines, done, pairs.len()).await?;
+    }
     let components = matching::join(views, &matches);
     let tracks = parallel::map(components.len(), |seed| {
         fit::robust(views, &components[seed], params, seed as u64)
@@ -81,7 +82,7 @@ pub fn build_line_tracks(
     });
     let mut tracks: Vec<LineTrack> = settled.into_iter().flatten().collect();
     describe_lines(views, &mut tracks);
-    tracks
+    Some(tracks)
 }
 
 /// Pairs for lines: of each picture's pairs those with the widest baselines, which is what fixes a line's depth.

@@ -28,7 +28,7 @@ pub use candidates::{CandidateParams, candidate_pairs};
 pub use loops::LoopParams;
 pub use verify::{PairMatches, VerifiedPair};
 
-use super::{Observation, PointTrack, TwoViewKind, TwoViewParams};
+use super::{Observation, Observer, PointTrack, TwoViewKind, TwoViewParams, Watch};
 use crate::features::FeatureSet;
 use crate::geometry::{CamFromWorld, Camera};
 use grow::{Attempt, Ground};
@@ -135,33 +135,6 @@ impl Default for MotionParams {
             refine_radial_from: 12,
             min_component: 3,
         }
-    }
-}
-
-/// What is being done.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stage {
-    /// Descriptors of pairs are compared.
-    Match,
-    /// Geometry of pairs is estimated.
-    Verify,
-    /// Pictures are registered.
-    Grow,
-    /// Everything is adjusted.
-    Adjust,
-}
-
-/// Called with what is done of how much; false stops the work.
-pub type Observer<'a> = dyn FnMut(Stage, usize, usize) -> bool + 'a;
-
-struct Watch<'a> {
-    observer: &'a mut Observer<'a>,
-}
-
-impl Watch<'_> {
-    /// `None` when the caller wants no more.
-    fn tell(&mut self, stage: Stage, done: usize, total: usize) -> Option<()> {
-        (self.observer)(stage, done, total).then_some(())
     }
 }
 
@@ -287,18 +260,19 @@ pub enum MotionError {
 ///
 /// # Errors
 /// [`MotionError::TooFew`], [`MotionError::NoGroup`], [`MotionError::Stopped`].
-pub fn match_pictures<'o>(
+pub async fn match_pictures(
     pictures: &[Picture<'_>],
     groups: &[CameraGroup],
     params: &MotionParams,
-    observer: &'o mut Observer<'o>,
+    observer: &mut dyn Observer,
 ) -> Result<Vec<PairMatches>, MotionError> {
     check(pictures, groups)?;
     let features: Vec<&FeatureSet> = pictures.iter().map(|p| p.features).collect();
     let candidates = candidate_pairs(&features, &params.candidates);
-    let mut watch = Watch { observer };
+    let mut watch = Watch::new(observer);
     let least = params.two_view.min_inliers;
     verify::match_candidates(pictures, &candidates, params.min_cosine, least, &mut watch)
+        .await
         .ok_or(MotionError::Stopped)
 }
 
@@ -320,15 +294,15 @@ fn check(pictures: &[Picture<'_>], groups: &[CameraGroup]) -> Result<(), MotionE
 ///
 /// # Errors
 /// See [`MotionError`]: when nothing can be reconstructed, or the observer stopped it.
-pub fn reconstruct_motion<'o>(
+pub async fn reconstruct_motion(
     pictures: &[Picture<'_>],
     groups: &[CameraGroup],
     matches: &[PairMatches],
     params: &MotionParams,
-    observer: &'o mut Observer<'o>,
+    observer: &mut dyn Observer,
 ) -> Result<Motion, MotionError> {
     check(pictures, groups)?;
-    let mut watch = Watch { observer };
+    let mut watch = Watch::new(observer);
     let hypotheses = focal_hypotheses(pictures, groups, matches, params);
     let mut groups = groups.to_vec();
     let mut cameras: Vec<Camera> = Vec::new();
@@ -339,6 +313,7 @@ pub fn reconstruct_motion<'o>(
         cameras.push(group.camera);
     }
     let mut pairs = verify::verify(pictures, &cameras, matches, &params.two_view, &mut watch)
+        .await
         .ok_or(MotionError::Stopped)?;
     let rejected_loops =
         loops::reject_lonely(&mut pairs, params.candidates.is_video, &params.loops);
@@ -367,10 +342,16 @@ pub fn reconstruct_motion<'o>(
             &hypotheses,
             &is_done,
             &mut tried,
-        ) else {
+            &mut watch,
+        )
+        .await
+        .ok_or(MotionError::Stopped)?
+        else {
             break;
         };
-        let grown = grow_all(&ground, start, &is_done, &mut watch).ok_or(MotionError::Stopped)?;
+        let grown = grow_all(&ground, start, &is_done, &mut watch)
+            .await
+            .ok_or(MotionError::Stopped)?;
         let is_small = grown.num_registered() < params.min_component;
         for (done, pose) in is_done.iter_mut().zip(&grown.poses) {
             *done |= pose.is_some();

@@ -2,9 +2,9 @@
 
 use super::contradict::drop_contradicted;
 use super::grow::{Attempt, Effort, Ground};
-use super::{CameraGroup, MotionParams, PairMatches, Picture, Stage, VerifiedPair, Watch, verify};
+use super::{CameraGroup, MotionParams, PairMatches, Picture, VerifiedPair, verify};
 use crate::geometry::{Camera, CameraModel};
-use crate::reconstruction::{TwoViewKind, vote_focal};
+use crate::reconstruction::{Stage, TwoViewKind, Watch, vote_focal};
 
 /// The camera with another focal length and no distortion; a given model keeps its own.
 pub(super) fn with_focal(camera: &Camera, focal_px: f64) -> Camera {
@@ -55,15 +55,16 @@ const MAX_STARTS: usize = 3;
 /// Pictures that a start is grown to before starts are compared.
 const TRIAL_PICTURES: usize = 10;
 
-/// The start that grows best among the best pairs and focal hypotheses; `None` when no pair is fit.
-pub(super) fn best_start(
+/// The start that grows best among the best pairs and focal hypotheses, or none when no pair is fit; `None` when stopped.
+pub(super) async fn best_start(
     ground: &Ground<'_>,
     matches: &[PairMatches],
     cameras: &[Camera],
     hypotheses: &[Vec<f64>],
     is_done: &[bool],
     tried: &mut Vec<(u32, u32)>,
-) -> Option<Attempt> {
+    watch: &mut Watch<'_>,
+) -> Option<Option<Attempt>> {
     let mut ranked: Vec<(f64, &VerifiedPair)> = ground
         .pairs
         .iter()
@@ -118,6 +119,7 @@ pub(super) fn best_start(
                 continue;
             };
             while attempt.num_registered() < TRIAL_PICTURES {
+                watch.tell(Stage::Grow, 0, ground.pictures.len()).await?;
                 if !grow_once(
                     ground,
                     &mut attempt,
@@ -134,7 +136,7 @@ pub(super) fn best_start(
             }
         }
     }
-    best.map(|(_, attempt)| attempt)
+    Some(best.map(|(_, attempt)| attempt))
 }
 
 fn reverified(
@@ -192,7 +194,7 @@ fn close_loops(ground: &Ground<'_>, attempt: &mut Attempt) {
 }
 
 /// Grows until nothing can be added, adjusts thoroughly, tries once more what was left out.
-pub(super) fn grow_all(
+pub(super) async fn grow_all(
     ground: &Ground<'_>,
     mut attempt: Attempt,
     is_done: &[bool],
@@ -207,13 +209,15 @@ pub(super) fn grow_all(
             ground.params.min_inlier_share
         };
         loop {
-            watch.tell(Stage::Grow, attempt.num_registered(), total)?;
+            watch
+                .tell(Stage::Grow, attempt.num_registered(), total)
+                .await?;
             let most = (attempt.num_registered() / 4).max(2);
             if !grow_once(ground, &mut attempt, most, min_share, is_done) {
                 break;
             }
         }
-        watch.tell(Stage::Adjust, round, 3)?;
+        watch.tell(Stage::Adjust, round, 3).await?;
         close_loops(ground, &mut attempt);
         ground.adjust(&mut attempt, &Effort::thorough());
         ground.triangulate(&mut attempt, 1.0);
@@ -230,6 +234,6 @@ pub(super) fn grow_all(
     ground.adjust(&mut attempt, &Effort::thorough());
     ground.triangulate(&mut attempt, 1.0);
     clean(ground, &mut attempt);
-    watch.tell(Stage::Adjust, 3, 3)?;
+    watch.tell(Stage::Adjust, 3, 3).await?;
     Some(attempt)
 }

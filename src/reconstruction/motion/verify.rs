@@ -1,10 +1,11 @@
 //! Matches of candidate pairs, and what their geometry says.
 
-use super::{Picture, Stage, Watch};
+use super::Picture;
 use crate::geometry::Camera;
 use crate::math::parallel;
 use crate::reconstruction::{
-    MutualMatcher, TwoView, TwoViewParams, Uncalibrated, planar_from_pixel, two_view, uncalibrated,
+    MutualMatcher, PIECE, Stage, TwoView, TwoViewParams, Uncalibrated, Watch, planar_from_pixel,
+    two_view, uncalibrated,
 };
 use nalgebra::Vector2;
 
@@ -32,11 +33,8 @@ pub struct VerifiedPair {
     pub matches: Vec<(u32, u32, f32)>,
 }
 
-/// Pairs in one piece of work, after which progress is told.
-const PIECE: usize = 64;
-
 /// Matches all candidate pairs; those with fewer than `least` matches are left out.
-pub(super) fn match_candidates(
+pub(super) async fn match_candidates(
     pictures: &[Picture<'_>],
     pairs: &[(usize, usize)],
     min_cosine: f32,
@@ -64,7 +62,9 @@ pub(super) fn match_candidates(
                 .collect::<Vec<_>>()
         });
         found.extend(of_groups.into_iter().flatten());
-        watch.tell(Stage::Match, done.min(pairs.len()), pairs.len())?;
+        watch
+            .tell(Stage::Match, done.min(pairs.len()), pairs.len())
+            .await?;
     }
     Some(found)
 }
@@ -78,7 +78,7 @@ pub(super) fn places(picture: &Picture<'_>, camera: &Camera) -> Vec<Vector2<f64>
 }
 
 /// Compares matched pairs under the cameras; in the order of the pairs.
-pub(super) fn verify(
+pub(super) async fn verify(
     pictures: &[Picture<'_>],
     cameras: &[Camera],
     pairs: &[PairMatches],
@@ -102,7 +102,9 @@ pub(super) fn verify(
             )
         });
         found.extend(verified.into_iter().flatten());
-        watch.tell(Stage::Verify, done.min(pairs.len()), pairs.len())?;
+        watch
+            .tell(Stage::Verify, done.min(pairs.len()), pairs.len())
+            .await?;
     }
     Some(found)
 }

@@ -1,0 +1,290 @@
+//! From the keyframes of a film to a map: poses, points, lines, and from the map to a scene.
+
+use super::scene::{Origin, SceneError, SceneRequest, add_landmarks, landmark_networks, scene_of};
+use super::tracks::{TrackError, TrackParams, TrackStats, check_poses, line_tracks, point_tracks};
+use crate::geometry::{CamFromWorld, Camera, Units};
+use crate::math::stats::median_in_place;
+use crate::reconstruction::motion::{
+    CameraGroup, LeftOut, MotionError, MotionParams, Picture, match_pictures, reconstruct_motion,
+};
+use crate::reconstruction::{
+    LineTrack, Observer, PointTrack, PosedView, Reconstruction, Stage, View, Watch,
+};
+use crate::scene_file::SceneFile;
+use nalgebra::Vector3;
+
+/// Every setting of the way from keyframes to a map.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FilmParams {
+    /// Poses.
+    pub motion: MotionParams,
+    /// Points and lines.
+    pub tracks: TrackParams,
+}
+
+/// Why there is no map.
+#[derive(Debug, thiserror::Error)]
+pub enum FilmError {
+    /// Fewer keyframes than a map needs.
+    #[error(
+        "{found} pictures are too few: a map needs {MIN_PICTURES} at least that overlap, better thirty and more"
+    )]
+    TooFew {
+        /// So many are there.
+        found: usize,
+    },
+    /// Some keyframes have poses and some have none.
+    #[error(
+        "{posed} of {all} pictures have a pose: give all of them poses and intrinsics, or none"
+    )]
+    SomePoses {
+        /// With a pose.
+        posed: usize,
+        /// In all.
+        all: usize,
+    },
+    /// No poses.
+    #[error(transparent)]
+    Motion(MotionError),
+    /// No points.
+    #[error(transparent)]
+    Tracks(TrackError),
+    /// No scene.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// The observer stopped it.
+    #[error("stopped")]
+    Stopped,
+}
+
+impl From<MotionError> for FilmError {
+    fn from(error: MotionError) -> Self {
+        match error {
+            MotionError::Stopped => Self::Stopped,
+            other => Self::Motion(other),
+        }
+    }
+}
+
+impl From<TrackError> for FilmError {
+    fn from(error: TrackError) -> Self {
+        match error {
+            TrackError::Stopped => Self::Stopped,
+            other => Self::Tracks(other),
+        }
+    }
+}
+
+/// Fewer keyframes make no map.
+pub const MIN_PICTURES: usize = 3;
+
+/// The map of a film. Observations name positions in [`Self::posed`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct FilmMap {
+    /// Of the keyframes that have a pose.
+    pub camera: Camera,
+    /// One for each keyframe, in their order.
+    pub cam_from_world: Vec<Option<CamFromWorld>>,
+    /// Keyframes that have a pose, ascending.
+    pub posed: Vec<usize>,
+    /// Keyframes that have none, and why.
+    pub left_out: Vec<(usize, LeftOut)>,
+    /// Pieces that the film fell into; the largest is this map. 1 where poses were given.
+    pub num_components: usize,
+    /// In space.
+    pub points: Vec<PointTrack>,
+    /// In space.
+    pub lines: Vec<LineTrack>,
+    /// What is known of the points.
+    pub stats: TrackStats,
+    /// Of the world's lengths.
+    pub units: Units,
+    /// Direction of gravity in the world, a unit vector, if known.
+    pub gravity: Option<Vector3<f64>>,
+}
+
+struct Posed {
+    camera: Camera,
+    cam_from_world: Vec<Option<CamFromWorld>>,
+    left_out: Vec<(usize, LeftOut)>,
+    num_components: usize,
+    units: Units,
+}
+
+/// Poses, points and lines of keyframes of one camera. Views that all have a pose keep it; those of views without are found.
+///
+/// # Errors
+/// [`FilmError`]: too few pictures, nothing that can be reconstructed, or the observer stopped it.
+pub async fn map_film(
+    views: &[View],
+    group: &CameraGroup,
+    params: &FilmParams,
+    observer: &mut dyn Observer,
+) -> Result<FilmMap, FilmError> {
+    if views.len() < MIN_PICTURES {
+        return Err(FilmError::TooFew { found: views.len() });
+    }
+    let num_posed = views.iter().filter(|v| v.cam_from_world.is_some()).count();
+    let posed = if num_posed == views.len() {
+        Posed {
+            camera: group.camera,
+            cam_from_world: views.iter().map(|v| v.cam_from_world).collect(),
+            left_out: Vec::new(),
+            num_components: 1,
+            units: Units::Metres,
+        }
+    } else if num_posed == 0 {
+        poses(views, group, &params.motion, observer).await?
+    } else {
+        return Err(FilmError::SomePoses {
+            posed: num_posed,
+            all: views.len(),
+        });
+    };
+    let camera = posed.camera;
+    let registered = views.iter().zip(&posed.cam_from_world);
+    let seen: Vec<PosedView<'_>> = registered
+        .filter_map(|(view, pose)| Some(PosedView::new(camera, (*pose)?, &view.features)))
+        .collect();
+    check_poses(&seen, &params.tracks)?;
+    let mut stats = TrackStats::default();
+    let mut watch = Watch::new(observer);
+    let points = point_tracks(&seen, &params.tracks, &mut stats, &mut watch).await?;
+    let lines = line_tracks(&seen, &params.tracks, &stats, &mut watch).await?;
+    let is_posed = |i: &usize| posed.cam_from_world[*i].is_some();
+    Ok(FilmMap {
+        camera,
+        posed: (0..views.len()).filter(is_posed).collect(),
+        cam_from_world: posed.cam_from_world,
+        left_out: posed.left_out,
+        num_components: posed.num_components,
+        points,
+        lines,
+        stats,
+        units: posed.units,
+        gravity: None,
+    })
+}
+
+/// Structure from motion; the largest piece.
+async fn poses(
+    views: &[View],
+    group: &CameraGroup,
+    params: &MotionParams,
+    observer: &mut dyn Observer,
+) -> Result<Posed, FilmError> {
+    let pictures: Vec<Picture<'_>> = views
+        .iter()
+        .map(|view| Picture {
+            features: &view.features,
+            camera: 0,
+        })
+        .collect();
+    let groups = std::slice::from_ref(group);
+    let matches = match_pictures(&pictures, groups, params, observer).await?;
+    let motion = reconstruct_motion(&pictures, groups, &matches, params, observer).await?;
+    let num_components = motion.components.len();
+    let largest = motion.components.into_iter().next();
+    let largest = largest.filter(|c| c.num_registered() >= MIN_PICTURES);
+    let camera = largest.as_ref().and_then(|c| c.cameras.first().copied());
+    let (Some(largest), Some(camera)) = (largest, camera) else {
+        return Err(FilmError::TooFew { found: 0 });
+    };
+    // What another piece has is left out of this one.
+    let elsewhere = (0..views.len()).filter(|i| {
+        largest.cam_from_world[*i].is_none() && motion.left_out.iter().all(|(l, _)| l != i)
+    });
+    let mut left_out: Vec<(usize, LeftOut)> =
+        elsewhere.map(|i| (i, LeftOut::TooFewPoints)).collect();
+    left_out.extend(&motion.left_out);
+    left_out.sort_unstable_by_key(|(i, _)| *i);
+    Ok(Posed {
+        camera,
+        cam_from_world: largest.cam_from_world,
+        left_out,
+        num_components,
+        units: Units::Arbitrary,
+    })
+}
+
+impl FilmMap {
+    /// The scene of this map, whose views are the keyframes that it was made of: their features are borrowed meanwhile, and
+    /// are back whatever happens.
+    ///
+    /// # Errors
+    /// [`FilmError::Scene`] when too little was seen, [`FilmError::Stopped`].
+    pub async fn scene(
+        &self,
+        views: &mut [View],
+        origin: &Origin,
+        request: &SceneRequest,
+        observer: &mut dyn Observer,
+    ) -> Result<SceneFile, FilmError> {
+        let mut watch = Watch::new(observer);
+        let told = watch.tell(Stage::Landmarks, 0, 2).await;
+        told.ok_or(FilmError::Stopped)?;
+        let mut map = Reconstruction {
+            views: self.posed.iter().map(|i| self.taken(*i, views)).collect(),
+            points: self.points.clone(),
+            lines: self.lines.clone(),
+            units: self.units,
+            gravity: self.gravity,
+        };
+        let made = make_scene(&map, origin, request, &mut watch).await;
+        for (i, view) in self.posed.iter().zip(&mut map.views) {
+            views[*i].features = std::mem::take(&mut view.features);
+        }
+        made
+    }
+
+    /// A view with its pose; the caller's keeps all but the features.
+    fn taken(&self, i: usize, views: &mut [View]) -> View {
+        View {
+            name: views[i].name.clone(),
+            camera: self.camera,
+            cam_from_world: self.cam_from_world[i],
+            features: std::mem::take(&mut views[i].features),
+        }
+    }
+
+    /// Mean reprojection error of the points, the median over them.
+    pub fn median_error_px(&self) -> f64 {
+        let mut errors: Vec<f64> = self
+            .points
+            .iter()
+            .map(|p| f64::from(p.mean_error_px))
+            .collect();
+        median_in_place(&mut errors).unwrap_or(f64::NAN)
+    }
+
+    /// Makes all lengths longer by a factor.
+    pub fn rescale(&mut self, factor: f64) {
+        for pose in self.cam_from_world.iter_mut().flatten() {
+            pose.translation *= factor;
+        }
+        for point in &mut self.points {
+            point.point_in_world *= factor;
+        }
+        for line in &mut self.lines {
+            line.start_in_world *= factor;
+            line.end_in_world *= factor;
+        }
+        self.stats.depth *= factor;
+    }
+}
+
+async fn make_scene(
+    map: &Reconstruction,
+    origin: &Origin,
+    request: &SceneRequest,
+    watch: &mut Watch<'_>,
+) -> Result<SceneFile, FilmError> {
+    let networks = landmark_networks(map, request, &(0..0)).map_err(SceneError::from)?;
+    let mut scene = scene_of(networks, map, origin, request);
+    let told = watch.tell(Stage::Landmarks, 1, 2).await;
+    told.ok_or(FilmError::Stopped)?;
+    add_landmarks(&mut scene, map, request.max_bytes, request.precision)?;
+    let told = watch.tell(Stage::Landmarks, 2, 2).await;
+    told.ok_or(FilmError::Stopped)?;
+    Ok(scene)
+}

@@ -204,7 +204,13 @@ export type LandlineErrorCode =
 /** A defect inside the engine: it stopped, or contradicted itself. This instance cannot go on; create a new one. */
  | "engine-defect"
 /** `dispose()` was called before or during this call. */
- | "disposed";
+ | "disposed"
+/** A map needs more pictures. */
+ | "not-enough-pictures"
+/** The pictures make no map; `message` says why: no movement, too little in common, nothing but a wall. */
+ | "no-model"
+/** Cancelled by a call; by a signal, calls reject with the signal's own reason. */
+ | "aborted";
 /** Every error that this package raises itself. Cancelling by a signal rejects with the signal's own reason. */
 export declare class LandlineError extends Error {
     readonly name = "LandlineError";
@@ -467,9 +473,225 @@ export declare function packagedWasmUrl(): URL;
 export declare function loadEngine(options: InitOptions): Promise<WebAssembly.Module>;
 export {};
 
+// ---- mapper/index.d.ts
+
+/** landline/mapper: makes a scene of a film, on the device. */
+export { Mapper, packagedMapperWasmUrl } from "./mapper.js";
+export type * from "./types.js";
+
+// ---- mapper/mapper.d.ts
+
+import type { MemoryUse } from "../protocol.js";
+import type { FrameSource } from "../types.js";
+import type { BuildOptions, Coverage, FrameOptions, FrameVerdict, MapperEvents, MapperOptions, MapResult, WriteOptions } from "./types.js";
+/** Where the mapping engine lies in this package. */
+export declare function packagedMapperWasmUrl(): URL;
+/**
+ * Makes a scene of a film, on the device.
+ *
+ * Frames go in one by one; what helps is kept as features, pictures are not. Raises `verdict` for every frame and `coverage`
+ * for every one that was kept.
+ */
+export declare class Mapper extends EventTarget {
+    #private;
+    private constructor();
+    /** Loads the mapping engine and the extractor, side by side, and makes them ready. */
+    static create(options?: MapperOptions): Promise<Mapper>;
+    /** Frames that were kept. */
+    get keyframes(): number;
+    get coverage(): Coverage;
+    /** Looks at a frame, and keeps what it shows if it helps. Frames are answered in the order of the calls. */
+    addFrame(source: FrameSource, options?: FrameOptions): Promise<FrameVerdict>;
+    /** Makes a scene of the keyframes. They stay, so that after an error or a cancel more can be filmed. */
+    build(options?: BuildOptions): Promise<MapResult>;
+    /** Writes the scene of the map that `build` made once more: with its lengths in metres, upright, or under another name. */
+    write(options?: WriteOptions): Promise<MapResult>;
+    /** Forgets the film. */
+    clear(): Promise<void>;
+    /** Calls a listener with what an event tells; the answer takes it away again. */
+    on<K extends keyof MapperEvents>(type: K, listener: (detail: MapperEvents[K]["detail"]) => void): () => void;
+    /** Bytes that the engine holds. */
+    memory(): Promise<MemoryUse>;
+    /** Ends the worker and frees everything. Calls under way reject with `disposed`. Calling it twice is fine. */
+    dispose(): Promise<void>;
+    [Symbol.asyncDispose](): Promise<void>;
+}
+
+// ---- mapper/types.d.ts
+
+/** Types of `landline/mapper`. No code. */
+import type { BytesSource, CreateOptions, Intrinsics, Placement, ProgressEvent, Units } from "../types.js";
+export interface MapperOptions {
+    /** Weights of the extractor; those in this package by default. */
+    extractor?: BytesSource;
+    onProgress?: (event: ProgressEvent) => void;
+    signal?: AbortSignal;
+    /** The mapping engine; the one in this package by default. */
+    wasm?: CreateOptions["wasm"];
+    /** Run in a worker. Default: yes in browsers, no under Node. */
+    worker?: boolean;
+    /** Where the mapper's worker script lies, when a bundler or a strict host needs it elsewhere. */
+    workerUrl?: string | URL;
+    cache?: "default" | "none";
+    stallTimeoutMs?: number;
+    integrity?: {
+        extractor?: string;
+    };
+    fetch?: typeof fetch;
+    /** Largest side of the image that features are taken from. Default: 640. */
+    maxSide?: number;
+    /** Most keyframes of a film. Default: 300. */
+    maxKeyframes?: number;
+}
+/** A direction or a place. */
+export interface Vec3 {
+    x: number;
+    y: number;
+    z: number;
+}
+export interface FrameOptions {
+    /** Milliseconds. */
+    timestamp?: number;
+    /** Of this frame. Without them, and without EXIF data, the focal length is found out. */
+    intrinsics?: Intrinsics;
+    /** Where the frame was taken, in metres: a placement, or its `cameraFromWorld`. All frames of a film have one, or none; with intrinsics. */
+    pose?: Placement | ArrayLike<number>;
+    /** Downwards in camera axes (x right, y down, z forward), as `motionSensors()` tells. */
+    gravity?: Vec3;
+    name?: string;
+    /** Hand over `ImageBitmap`, `VideoFrame` or the buffer of raw pixels instead of copying: they are unusable afterwards. */
+    transfer?: boolean;
+}
+/** What whoever films should do. */
+export type Advice = 
+/** The camera only turns, which shows no depth. */
+"move-sideways"
+/** Frames are blurred, or share too little with each other. */
+ | "slower"
+/** It is dark. */
+ | "more-light"
+/** There is enough for a map. */
+ | "enough";
+/** Why a frame was not kept. */
+export type NotKeptReason = "too-similar" | "too-dark" | "blurred" | "too-few-features" | "size-changed" | "full";
+/** What became of a frame. `keyframes` is how many there are now. */
+export type FrameVerdict = {
+    kept: true;
+    keyframe: number;
+    keyframes: number;
+    advice?: Advice;
+    reason?: undefined;
+} | {
+    kept: false;
+    reason: NotKeptReason;
+    keyframes: number;
+    advice?: Advice;
+};
+/** What is being done, in this order; "poses" and "refine" take turns. */
+export type MapStage = "pairs" | "matching" | "poses" | "refine" | "points" | "lines" | "landmarks" | "write";
+export interface MapProgress {
+    stage: MapStage;
+    /** Of this stage. */
+    done: number;
+    total: number;
+    /** Of everything, 0..1; never goes back. */
+    share: number;
+    /** Of everything; absent until it can be guessed. */
+    etaSeconds?: number;
+}
+/** A distance that somebody measured, between what two pixels of keyframes show. */
+export interface ScaleFrom {
+    from: {
+        keyframe: number;
+        x: number;
+        y: number;
+    };
+    to: {
+        keyframe: number;
+        x: number;
+        y: number;
+    };
+    metres: number;
+}
+/** What a scene is to say. */
+export interface WriteOptions {
+    signal?: AbortSignal;
+    onProgress?: (progress: MapProgress) => void;
+    name?: string;
+    licence?: string;
+    /** Makes lengths metres. */
+    scale?: ScaleFrom;
+    /** Up in the world of the map that is there. */
+    up?: Vec3;
+}
+export type BuildOptions = Omit<WriteOptions, "scale" | "up">;
+/** Why a keyframe has no place. */
+export type LeftOutReason = "nothing-in-common" | "only-turned" | "too-few-points" | "no-pose";
+export interface MapPicture {
+    keyframe: number;
+    name?: string;
+    timestamp?: number;
+    registered: boolean;
+    /** Why not. */
+    reason?: LeftOutReason;
+    /** The same in words, and what helps. */
+    advice?: string;
+    placement?: Placement;
+}
+export interface MapReport {
+    pictures: MapPicture[];
+    /** Pieces that the film fell into; the map is the largest. */
+    components: number;
+    /** Focal length in pixels of the frames, whose size is `width` x `height`. */
+    focal: number;
+    width: number;
+    height: number;
+    units: Units;
+    /** Up in the world, where it is known. */
+    up?: Vec3;
+    points: number;
+    lines: number;
+    /** Pixels. */
+    medianReprojection: number;
+    /** Of `build`. */
+    seconds: number;
+    warnings: string[];
+    /** To be drawn: x, y, z a point; both ends a line. World of the scene. */
+    cloud: {
+        points: Float32Array;
+        lines: Float32Array;
+    };
+}
+export interface MapResult {
+    /** A `.landline` file. */
+    scene: Uint8Array;
+    report: MapReport;
+}
+/** How far filming has come. */
+export interface Coverage {
+    keyframes: number;
+    /** So many usually do for a room. */
+    enough: number;
+    most: number;
+    /** Frames that were looked at. */
+    frames: number;
+    /** Of those not kept, how many for which reason. */
+    notKept: Partial<Record<NotKeptReason, number>>;
+}
+export interface MapperEvents {
+    /** Every frame. */
+    verdict: CustomEvent<FrameVerdict>;
+    /** Whenever a frame was kept. */
+    coverage: CustomEvent<Coverage>;
+}
+
+// ---- mapper/worker.d.ts
+
+export {};
+
 // ---- placement.d.ts
 
-/** A camera's position in all the forms that are handed out. The only place that flips axes. */
+/** A camera's position in all the forms that are handed out: where a result's axes are flipped. */
 import type { Placement } from "./types.js";
 /** Inverse of a rigid transform, a row-major 4x4 matrix: of `cameraFromWorld` the `worldFromCamera`, and the other way round. */
 export declare function invertRigid(m: ArrayLike<number>): Float64Array;
@@ -479,7 +701,7 @@ export declare function placementFrom(cameraFromWorld: Float64Array): Placement;
 // ---- protocol.d.ts
 
 /** Messages between the page and the worker. */
-import type { PlainError } from "./errors.js";
+import type { CallReply } from "./rpc.js";
 import type { Device, Include, Intrinsics, KnownIntrinsicsSource, LiveOptions, LocateResult, RawFrame, SceneInfo, Backend } from "./types.js";
 /** Pixels, or something that the worker can draw. */
 export type WireFrame = RawFrame | ImageBitmap | VideoFrame;
@@ -553,15 +775,7 @@ export interface Request<N extends CallName = CallName> {
     call: N;
     request: Calls[N]["request"];
 }
-export type Reply = {
-    id: number;
-    ok: true;
-    reply: unknown;
-} | {
-    id: number;
-    ok: false;
-    error: PlainError;
-};
+export type Reply = CallReply;
 
 // ---- relocalizer.d.ts
 
@@ -611,6 +825,49 @@ export declare class Relocalizer extends EventTarget {
     dispose(): Promise<void>;
     [Symbol.asyncDispose](): Promise<void>;
 }
+
+// ---- rpc.d.ts
+
+/** Calls to another thread, or to this one in the same manner. What the calls are is the caller's. */
+import { LandlineError, type PlainError } from "./errors.js";
+/** Name of a call → what goes there and what comes back. */
+export type CallTable<C> = {
+    [N in keyof C]: {
+        request: unknown;
+        reply: unknown;
+    };
+};
+export type CallReply = {
+    id: number;
+    ok: true;
+    reply: unknown;
+} | {
+    id: number;
+    ok: false;
+    error: PlainError;
+};
+export interface Channel<C extends CallTable<C>> {
+    call<N extends keyof C & string>(name: N, request: C[N]["request"], transfer?: Transferable[]): Promise<C[N]["reply"]>;
+    /** Rejects everything that is under way, and ends the worker. */
+    close(): void;
+}
+export declare class WorkerChannel<C extends CallTable<C>> implements Channel<C> {
+    #private;
+    /** `onEvent` gets what the worker tells without being asked. */
+    constructor(start: () => Worker, disposed: () => LandlineError, onEvent?: (event: unknown) => void);
+    call<N extends keyof C & string>(name: N, request: C[N]["request"], transfer?: Transferable[]): Promise<C[N]["reply"]>;
+    close(): void;
+}
+/** Answers one call. */
+type Perform<C extends CallTable<C>> = <N extends keyof C & string>(name: N, request: C[N]["request"]) => Promise<C[N]["reply"]>;
+/** Calls are performed one after another, but for the `urgent` ones, which do not wait. */
+export declare class DirectChannel<C extends CallTable<C>> implements Channel<C> {
+    #private;
+    constructor(perform: Perform<C>, dispose: () => unknown, disposed: () => LandlineError, urgent?: readonly string[]);
+    call<N extends keyof C & string>(name: N, request: C[N]["request"]): Promise<C[N]["reply"]>;
+    close(): void;
+}
+export {};
 
 // ---- sensors.d.ts
 

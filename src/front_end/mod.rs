@@ -14,7 +14,7 @@ pub(crate) use stopwatch::Stopwatch;
 
 use crate::features::{Extractor, ExtractorOptions, FeatureSet, KeypointParams};
 use crate::geometry::{Segment2, WorkingFromSensor};
-use crate::image::{FrameView, GrayImage, gray_from_frame, working_from_gray};
+use crate::image::{FrameView, GrayImage, GrayView, gray_from_frame, working_from_gray};
 use crate::lsd::post::{self, PostParams, Rank};
 use crate::lsd::{self, LsdParams, LsdScratch};
 use crate::models::{ExtractorKind, Sampler};
@@ -155,6 +155,25 @@ impl FrontEnd {
         Ok(&self.features)
     }
 
+    /// First half of [`Self::run`], for callers that want to see the picture before it costs anything: the grey working image
+    /// of a frame.
+    ///
+    /// # Errors
+    /// As [`Self::run`].
+    pub fn look(&mut self, frame: &FrameView<'_>) -> Result<GrayView<'_>, FrontEndError> {
+        self.prepare(frame)?;
+        Ok(self.working.view())
+    }
+
+    /// Second half: features of the frame that was looked at last, in pixels of the working image.
+    ///
+    /// # Errors
+    /// As [`Self::run`].
+    pub fn run_looked_at(&mut self) -> Result<&FeatureSet, FrontEndError> {
+        self.run_prepared(&mut Stopwatch::start(&mut || 0.0), true)?;
+        Ok(&self.features)
+    }
+
     /// [`Self::run`] with segments from elsewhere, in pixels of the frame, in place of detected ones: all of them, in their
     /// order. They must not be more than the options allow.
     ///
@@ -223,7 +242,7 @@ impl FrontEnd {
 
     /// The working image of the last frame.
     #[cfg(feature = "webgpu")]
-    pub(crate) fn working(&self) -> crate::image::GrayView<'_> {
+    pub(crate) fn working(&self) -> GrayView<'_> {
         self.working.view()
     }
 

@@ -1,32 +1,53 @@
 //! Core errors as JavaScript `Error`s with a stable `code`.
 
 use js_sys::{Error, Reflect};
-use landline::front_end::FrontEndError;
-use landline::relocalizer::{CreateError, LocateError};
-use landline::scene_file::SceneFileError;
-use landline::session::SessionError;
+#[cfg(feature = "locate")]
+use landline::{
+    front_end::FrontEndError,
+    relocalizer::{CreateError, LocateError},
+    scene_file::SceneFileError,
+    session::SessionError,
+};
 use wasm_bindgen::JsValue;
 
 /// The codes that `web/ts/errors.ts` documents.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Code {
+    #[cfg(feature = "locate")]
     SceneVersion,
+    #[cfg(feature = "locate")]
     SceneCorrupt,
+    #[cfg(feature = "locate")]
     SceneExtractor,
     ExtractorCorrupt,
     BadInput,
     EngineDefect,
+    #[cfg(feature = "map")]
+    NotEnoughPictures,
+    #[cfg(feature = "map")]
+    NoModel,
+    #[cfg(feature = "map")]
+    Aborted,
 }
 
 impl Code {
     fn name(self) -> &'static str {
         match self {
+            #[cfg(feature = "locate")]
             Self::SceneVersion => "scene-version",
+            #[cfg(feature = "locate")]
             Self::SceneCorrupt => "scene-corrupt",
+            #[cfg(feature = "locate")]
             Self::SceneExtractor => "scene-extractor",
             Self::ExtractorCorrupt => "extractor-corrupt",
             Self::BadInput => "bad-input",
             Self::EngineDefect => "engine-defect",
+            #[cfg(feature = "map")]
+            Self::NotEnoughPictures => "not-enough-pictures",
+            #[cfg(feature = "map")]
+            Self::NoModel => "no-model",
+            #[cfg(feature = "map")]
+            Self::Aborted => "aborted",
         }
     }
 }
@@ -38,6 +59,7 @@ pub(crate) fn js_error(code: Code, message: &str) -> JsValue {
     error.into()
 }
 
+#[cfg(feature = "locate")]
 pub(crate) fn from_create(error: &CreateError) -> JsValue {
     let code = match error {
         CreateError::Scene(SceneFileError::Version { .. }) => Code::SceneVersion,
@@ -51,6 +73,7 @@ pub(crate) fn from_create(error: &CreateError) -> JsValue {
     js_error(code, &error.to_string())
 }
 
+#[cfg(feature = "locate")]
 pub(crate) fn from_session(error: &SessionError) -> JsValue {
     let code = match error {
         // What the caller's frame and options cannot cause is a defect.

@@ -1,7 +1,7 @@
 //! The follower as JavaScript sees it: a pose for every frame, on whatever thread the page likes.
 
 use crate::error::{Code, js_error};
-use crate::relocalizer::pose_from;
+use crate::frame::pose_from;
 use landline::geometry::{Camera, CameraModel, Pixel};
 use landline::image::{FrameView, PixelFormat};
 use landline::pose::{LineCorrespondence, PointCorrespondence};

@@ -1,17 +1,34 @@
-//! Browser binding of landline: converts types and nothing else.
+//! Browser binding of landline: converts types and nothing else. The feature `locate` is what pages need to locate, `map` what
+//! they need to make scenes; each is an artefact of its own, so that neither carries the other.
 //!
 //! JavaScript writes a frame's bytes into a buffer of the engine, calls `locate`, and reads the answer as flat numbers
 //! whose layout `result` defines. Pixels are copied once, results once; no object is made per point.
 
+#![cfg_attr(
+    not(all(feature = "locate", feature = "map")),
+    allow(dead_code, reason = "each artefact uses a part of what both share")
+)]
+
 mod error;
+#[cfg(feature = "locate")]
 mod follow;
+mod frame;
+#[cfg(feature = "locate")]
 mod gpu;
+#[cfg(feature = "map")]
+mod mapper;
+#[cfg(feature = "locate")]
 mod relocalizer;
+#[cfg(feature = "locate")]
 mod result;
 
 use wasm_bindgen::prelude::wasm_bindgen;
 
+#[cfg(feature = "locate")]
 pub use follow::RawFollower;
+#[cfg(feature = "map")]
+pub use mapper::RawMapper;
+#[cfg(feature = "locate")]
 pub use relocalizer::RawRelocalizer;
 
 #[wasm_bindgen]
@@ -20,6 +37,7 @@ extern "C" {
     fn console_error(text: &str);
 
     /// Milliseconds; pages, workers and Node have it.
+    #[cfg(feature = "locate")]
     #[wasm_bindgen(js_namespace = performance, js_name = now)]
     fn performance_now() -> f64;
 }

@@ -1,16 +1,17 @@
 //! The relocalizer as JavaScript sees it.
 
 use crate::error::{Code, from_create, from_session, js_error};
+use crate::frame::{camera_from, pixel_format, pose_from};
 use crate::gpu;
 use crate::performance_now;
 use crate::result::encode;
-use landline::geometry::{CamFromWorld, Camera, CameraModel};
-use landline::image::{FrameView, PixelFormat};
+use landline::geometry::{CamFromWorld, Camera};
+use landline::image::FrameView;
 use landline::pose::Gravity;
 use landline::relocalizer::{Begun, CameraSource, CreateError, LiveOptions, Observed, Relocalizer};
 use landline::scene_file::{ExtractorFile, SceneFile, TensorFile, Units};
 use landline::session::{Session, SessionQuery, Smoothing};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use serde::Deserialize;
 use wasm_bindgen::JsValue;
 use wasm_bindgen::prelude::wasm_bindgen;
@@ -249,17 +250,7 @@ impl RawRelocalizer {
         prior: Vec<f64>,
     ) -> Result<(), JsValue> {
         self.begun = None;
-        let format = match format {
-            0 => PixelFormat::Luma8,
-            1 => PixelFormat::Rgba8,
-            2 => PixelFormat::Rgb8,
-            other => {
-                return Err(js_error(
-                    Code::BadInput,
-                    &format!("pixel format {other} is unknown"),
-                ));
-            }
-        };
+        let format = pixel_format(format)?;
         let frame = FrameView {
             bytes: &self.frame,
             width,
@@ -267,23 +258,8 @@ impl RawRelocalizer {
             stride,
             format,
         };
-        let model = match *intrinsics.as_slice() {
-            [] => None,
-            [fx, fy, cx, cy] => Some(CameraModel::Pinhole { fx, fy, cx, cy }),
-            _ => {
-                let message = format!(
-                    "intrinsics have {} numbers instead of fx, fy, cx, cy",
-                    intrinsics.len()
-                );
-                return Err(js_error(Code::BadInput, &message));
-            }
-        };
         let query = OwnedQuery {
-            camera: model.map(|model| Camera {
-                width,
-                height,
-                model,
-            }),
+            camera: camera_from(width, height, &intrinsics)?,
             camera_source: match source {
                 1 => CameraSource::Track,
                 2 => CameraSource::Exif,
@@ -418,22 +394,6 @@ impl RawRelocalizer {
             )),
         }
     }
-}
-
-/// A pose from its row-major matrix; `None` for an empty one.
-pub(crate) fn pose_from(m: &[f64]) -> Result<Option<CamFromWorld>, JsValue> {
-    if m.is_empty() {
-        return Ok(None);
-    }
-    let at = |r: usize, c: usize| m.get(4 * r + c).copied().unwrap_or(f64::NAN);
-    let rotation = Matrix3::from_fn(at);
-    let translation = Vector3::new(at(0, 3), at(1, 3), at(2, 3));
-    let off = (rotation * rotation.transpose() - Matrix3::identity()).amax();
-    if !(off < 1e-4 && rotation.determinant() > 0.0 && translation.norm().is_finite()) {
-        let message = format!("the given pose is no rigid transform: its rotation is off by {off}");
-        return Err(js_error(Code::BadInput, &message));
-    }
-    Ok(Some(CamFromWorld::new(rotation, translation)))
 }
 
 /// The `SceneInfo` of `web/ts/types.ts`, of a scene file and its bytes.

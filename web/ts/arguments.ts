@@ -3,29 +3,29 @@
  * `null` on its way to the engine, as NaN does in JSON, or end it, is refused here by the argument's name.
  */
 import { LandlineError } from "./errors.js";
-import type { CreateOptions, LiveOptions, LocateOptions } from "./types.js";
+import type { CreateOptions, LiveOptions, LocateOptions, Placement } from "./types.js";
 
 /** Tells what was expected, or nothing where the value is right. */
-type Check = (value: unknown) => string | undefined;
+export type Check = (value: unknown) => string | undefined;
 
-const number =
+export const number =
   (low: number, high: number, expected: string): Check =>
   (value) =>
     typeof value === "number" && value >= low && value <= high ? undefined : expected;
-const whole =
+export const whole =
   (low: number, high: number, expected: string): Check =>
   (value) =>
     Number.isInteger(value) && (value as number) >= low && (value as number) <= high ? undefined : expected;
-const kind =
+export const kind =
   (name: "string" | "boolean" | "function"): Check =>
   (value) =>
     typeof value === name ? undefined : `a ${name}`;
-const oneOf =
+export const oneOf =
   (...words: string[]): Check =>
   (value) =>
     words.includes(value as string) ? undefined : words.join(", ").replace(/, ([^,]*)$/, " or $1");
-const object: Check = (value) => (typeof value === "object" && value !== null ? undefined : "an object");
-const anything: Check = () => undefined; // its own place checks it
+export const object: Check = (value) => (typeof value === "object" && value !== null ? undefined : "an object");
+export const anything: Check = () => undefined; // its own place checks it
 const included = oneOf("points", "lines", "segments");
 
 const largest = Number.MAX_VALUE;
@@ -88,7 +88,7 @@ export function checkArgument(name: string, value: unknown, check: Check): void 
   if (expected !== undefined) throw new LandlineError("bad-input", `${name} is ${shown(value)}, expected ${expected}`);
 }
 
-function checkOptions(call: string, options: unknown, table: Record<string, Check>): void {
+export function checkOptions(call: string, options: unknown, table: Record<string, Check>): void {
   checkArgument(`the argument of ${call}()`, options, object);
   for (const [name, value] of Object.entries(options as object)) {
     if (!Object.hasOwn(table, name)) {
@@ -107,4 +107,12 @@ export const checkLiveOptions = (options: unknown): void => checkOptions("setOpt
 export function checkRecall(camera: unknown, focalPerWidth: unknown): void {
   checkArgument("camera", camera, kind("string"));
   checkArgument("focalPerWidth", focalPerWidth, number(Number.MIN_VALUE, largest, "a finite number above 0"));
+}
+
+/** The numbers of a placement, or of its `cameraFromWorld`; none where there is none. */
+export function cameraFromWorldOf(pose: Placement | ArrayLike<number> | undefined, name: string): ArrayLike<number> {
+  if (!pose) return [];
+  const m = "cameraFromWorld" in pose ? pose.cameraFromWorld : pose;
+  if (m.length !== 16) throw new LandlineError("bad-input", `the ${name} has ${m.length} numbers`, "Pass a placement, or the 16 numbers of its cameraFromWorld.");
+  return m;
 }

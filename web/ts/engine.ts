@@ -1,12 +1,11 @@
 /** The engine's side: owns the wasm instance, feeds it pixels, reads its numbers. Runs in a worker or on the caller's thread. */
 import { asLandlineError, LandlineError } from "./errors.js";
 import { decodeResult } from "./decode.js";
-import { sizeOf } from "./frames.js";
-import type { Created, CreateRequest, LocateRequest, MemoryUse, WireFrame } from "./protocol.js";
+import { PixelReader } from "./pixels.js";
+import type { Created, CreateRequest, LocateRequest, MemoryUse } from "./protocol.js";
 import { instantiate, RawRelocalizer } from "./raw.js";
 import type { Include, KnownIntrinsicsSource, LiveOptions, LocateResult, SceneInfo, Units } from "./types.js";
 
-const formatCode = { luma8: 0, rgba8: 1, rgb8: 2 } as const;
 const includeBit: Record<Include, number> = { points: 1, lines: 2, segments: 4 };
 const sourceCode: Record<KnownIntrinsicsSource, number> = { given: 0, track: 1, exif: 2 };
 
@@ -18,9 +17,6 @@ function includeBits(names: readonly Include[]): number {
   }, 0);
 }
 
-type Canvas = OffscreenCanvas | HTMLCanvasElement;
-type Context = OffscreenCanvasRenderingContext2D | CanvasRenderingContext2D;
-
 interface Begun {
   request: LocateRequest;
   transferMs: number;
@@ -31,7 +27,7 @@ export class Engine {
   #raw: RawRelocalizer | undefined;
   readonly #memory: WebAssembly.Memory;
   readonly #units: Units;
-  #context: Context | undefined;
+  readonly #pixels = new PixelReader();
   #broken: LandlineError | undefined;
   /** A frame that was handed over before its turn. */
   #begun: Begun | undefined;
@@ -84,19 +80,14 @@ export class Engine {
     try {
       const raw = this.#alive();
       includeBits(request.include);
-      const { width, height } = sizeOf(frame);
-      const pixels = this.#pixels(frame, width, height);
-      const { data } = pixels;
-      // The address is taken after the engine has made room: growing memory moves nothing, but detaches older views.
-      const at = raw.frameBuffer(data.length);
-      new Uint8Array(this.#memory.buffer, at, data.length).set(data);
+      const pixels = this.#pixels.write(frame, raw, this.#memory);
       const k = request.intrinsics;
       const transferMs = performance.timeOrigin + performance.now() - request.calledAt;
       await raw.begin(
-        width,
-        height,
+        pixels.width,
+        pixels.height,
         pixels.stride,
-        formatCode[pixels.format],
+        pixels.format,
         k ? Float64Array.of(k.fx, k.fy, k.cx, k.cy) : new Float64Array(0),
         sourceCode[request.intrinsicsSource],
         request.timestampMs,
@@ -159,25 +150,5 @@ export class Engine {
     const landline = asLandlineError(error);
     if (landline.code === "engine-defect") this.#broken = landline;
     return landline;
-  }
-
-  #pixels(frame: WireFrame, width: number, height: number): { data: Uint8Array | Uint8ClampedArray; stride: number; format: keyof typeof formatCode } {
-    if ("data" in frame) return { data: frame.data, stride: frame.stride ?? 0, format: frame.format };
-    const context = this.#canvas(width, height);
-    context.drawImage(frame as CanvasImageSource, 0, 0, width, height);
-    return { data: context.getImageData(0, 0, width, height).data, stride: 4 * width, format: "rgba8" };
-  }
-
-  #canvas(width: number, height: number): Context {
-    let context = this.#context;
-    if (!context) {
-      const canvas: Canvas = typeof OffscreenCanvas === "function" ? new OffscreenCanvas(width, height) : document.createElement("canvas");
-      context = (canvas.getContext("2d", { willReadFrequently: true, alpha: false }) as Context | null) ?? undefined;
-      if (!context) throw new LandlineError("unsupported", "this browser gives no 2D canvas to read pixels with");
-      this.#context = context;
-    }
-    if (context.canvas.width !== width) context.canvas.width = width;
-    if (context.canvas.height !== height) context.canvas.height = height;
-    return context;
   }
 }

@@ -30,7 +30,13 @@ export type LandlineErrorCode =
   /** A defect inside the engine: it stopped, or contradicted itself. This instance cannot go on; create a new one. */
   | "engine-defect"
   /** `dispose()` was called before or during this call. */
-  | "disposed";
+  | "disposed"
+  /** A map needs more pictures. */
+  | "not-enough-pictures"
+  /** The pictures make no map; `message` says why: no movement, too little in common, nothing but a wall. */
+  | "no-model"
+  /** Cancelled by a call; by a signal, calls reject with the signal's own reason. */
+  | "aborted";
 
 /** What helps when the place that raised an error knew nothing better. */
 const hints: Record<LandlineErrorCode, string> = {
@@ -51,6 +57,9 @@ const hints: Record<LandlineErrorCode, string> = {
   "engine-version": "Reload the page without its cache, and serve all files of one version of the package.",
   "engine-defect": "Create the relocalizer again; please report how to repeat this.",
   disposed: "Create a new relocalizer.",
+  "not-enough-pictures": "Film on: thirty pictures and more make a map.",
+  "no-model": "Film again: walk sideways, slowly, with light, and keep half of what you saw in view.",
+  aborted: "Start again where you want to.",
 };
 
 /** Every error that this package raises itself. Cancelling by a signal rejects with the signal's own reason. */

@@ -1,5 +1,5 @@
 /** Messages between the page and the worker. */
-import type { PlainError } from "./errors.js";
+import type { CallReply } from "./rpc.js";
 import type { Device, Include, Intrinsics, KnownIntrinsicsSource, LiveOptions, LocateResult, RawFrame, SceneInfo, Backend } from "./types.js";
 
 /** Pixels, or something that the worker can draw. */
@@ -58,4 +58,4 @@ export interface Request<N extends CallName = CallName> {
   request: Calls[N]["request"];
 }
 
-export type Reply = { id: number; ok: true; reply: unknown } | { id: number; ok: false; error: PlainError };
+export type Reply = CallReply;

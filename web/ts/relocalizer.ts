@@ -1,7 +1,7 @@
 /** The public class. */
-import { checkCreateOptions, checkLiveOptions, checkLocateOptions, checkRecall } from "./arguments.js";
+import { cameraFromWorldOf, checkCreateOptions, checkLiveOptions, checkLocateOptions, checkRecall } from "./arguments.js";
 import { load, type Loaded } from "./assets.js";
-import { DirectChannel, WorkerChannel, type Channel } from "./channel.js";
+import { directChannel, workerChannel, type Channel } from "./channel.js";
 import { LandlineError } from "./errors.js";
 import { Follower, type FollowerOptions } from "./follower.js";
 import { intrinsicsForFrame, prepareFrame, sizeOf } from "./frames.js";
@@ -68,7 +68,7 @@ export class Relocalizer extends EventTarget {
       });
       onProgress?.({ status: "prepare" });
       const useWorker = options.worker ?? !isNode();
-      const channel: Channel = useWorker ? new WorkerChannel(options.workerUrl) : new DirectChannel();
+      const channel: Channel = useWorker ? workerChannel(options.workerUrl) : directChannel();
       const abort = (): void => channel.close();
       signal?.addEventListener("abort", abort, { once: true });
       const prepare = async (again: boolean): Promise<Created> => {
@@ -150,7 +150,7 @@ export class Relocalizer extends EventTarget {
             camera: options.camera ?? "",
             tracking: options.tracking ?? false,
             gravity: gravityOf(options.gravity),
-            prior: priorOf(options.prior),
+            prior: cameraFromWorldOf(options.prior, "prior"),
             calledAt,
           },
           prepared.transfer,
@@ -239,14 +239,6 @@ function gravityOf(gravity: LocateOptions["gravity"]): number[] {
     throw new LandlineError("bad-input", `gravity is (${x}, ${y}, ${z}) with a deviation of ${sigmaRad}`, "Pass a direction in camera axes and a positive deviation in radians.");
   }
   return [x, y, z, sigmaRad];
-}
-
-/** As the engine takes it. */
-function priorOf(prior: LocateOptions["prior"]): ArrayLike<number> {
-  if (!prior) return [];
-  const m = "cameraFromWorld" in prior ? prior.cameraFromWorld : prior;
-  if (m.length !== 16) throw new LandlineError("bad-input", `the prior has ${m.length} numbers`, "Pass a placement, or the 16 numbers of its cameraFromWorld.");
-  return m;
 }
 
 /** Intrinsics for the frame at hand: those passed, else those of its EXIF block, else none. */

@@ -2,6 +2,7 @@ use super::*;
 use crate::features::Keypoint;
 use crate::geometry::{Pixel, rotation_from_vector};
 use crate::math::Rng;
+use crate::reconstruction::Stage;
 use nalgebra::{Matrix3, Vector3};
 
 const FOCAL: f64 = 500.0;
@@ -80,8 +81,11 @@ fn run(sets: &[FeatureSet], group: CameraGroup) -> Result<Motion, MotionError> {
         .collect();
     let params = MotionParams::default();
     let groups = [group];
-    let matches = match_pictures(&pictures, &groups, &params, &mut |_, _, _| true)?;
-    reconstruct_motion(&pictures, &groups, &matches, &params, &mut |_, _, _| true)
+    let mut go_on = |_: Stage, _: usize, _: usize| true;
+    pollster::block_on(async {
+        let matches = match_pictures(&pictures, &groups, &params, &mut go_on).await?;
+        reconstruct_motion(&pictures, &groups, &matches, &params, &mut go_on).await
+    })
 }
 
 fn known() -> CameraGroup {

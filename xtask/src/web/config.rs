@@ -11,9 +11,21 @@ pub(crate) struct BuildConfig {
     pub(super) profile: String,
     pub(super) target: String,
     pub(super) rustflags: Vec<String>,
-    pub(super) out_name: String,
+    pub(super) artefacts: Vec<Artefact>,
     pub(super) wasm_opt: Vec<String>,
     pub(super) proposals: Proposals,
+}
+
+/// One wasm binary with its glue.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Artefact {
+    /// What its files begin with.
+    pub(super) out_name: String,
+    /// Folder of the package that it lies in; empty for the package's own.
+    pub(super) folder: String,
+    /// The crate's feature that it is built with, alone; empty for its usual ones.
+    pub(super) feature: String,
 }
 
 /// Names of WebAssembly proposals, as `binary` knows them.

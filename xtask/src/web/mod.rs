@@ -12,7 +12,7 @@ mod wasm;
 
 use crate::{paths, setup};
 use anyhow::Result;
-use config::BuildConfig;
+use config::{Artefact, BuildConfig};
 
 pub(crate) use package::tarball;
 
@@ -41,10 +41,13 @@ pub(crate) fn build() -> Result<()> {
     let tools = setup::web_tools()?;
     let weights = setup::weights()?;
     let config: BuildConfig = crate::pins::json("pkg-config/build.json")?;
-    let wasm = wasm::build(&config, &tools, &paths::bindgen())?;
-    binary::check(&std::fs::read(&wasm)?, &config.proposals)?;
+    for artefact in &config.artefacts {
+        let dir = paths::bindgen().join(&artefact.folder);
+        let wasm = wasm::build(&config, artefact, &tools, &dir)?;
+        binary::check(&std::fs::read(&wasm)?, &config.proposals)?;
+    }
     let scripts = package::compile_scripts()?;
-    package::assemble(&config, &wasm, &scripts, &weights)?;
+    package::assemble(&config, &scripts, &weights)?;
     let tarball = package::pack()?;
     site::stage()?;
     println!("web     package: {}", tarball.display());
@@ -57,11 +60,15 @@ fn bench() -> Result<()> {
     let tools = setup::web_tools()?;
     let config = BuildConfig {
         crate_name: "landline-bench".to_owned(),
-        out_name: "landline_bench".to_owned(),
         ..crate::pins::json("pkg-config/build.json")?
     };
+    let artefact = Artefact {
+        out_name: "landline_bench".to_owned(),
+        folder: String::new(),
+        feature: String::new(),
+    };
     let dir = paths::root().join("target/web/bench");
-    wasm::build(&config, &tools, &dir)?;
+    wasm::build(&config, &artefact, &tools, &dir)?;
     println!("web     for benches: {}", dir.display());
     Ok(())
 }

@@ -22,12 +22,7 @@ pub(super) fn compile_scripts() -> Result<PathBuf> {
 }
 
 /// Fills `dist/npm/landline`, in one rename.
-pub(super) fn assemble(
-    config: &BuildConfig,
-    wasm: &Path,
-    scripts: &Path,
-    weights: &Weights,
-) -> Result<()> {
+pub(super) fn assemble(config: &BuildConfig, scripts: &Path, weights: &Weights) -> Result<()> {
     println!("web     package folder");
     let root = paths::root();
     let finished = paths::package();
@@ -37,11 +32,16 @@ pub(super) fn assemble(
     }
     fs::create_dir_all(&scratch)?;
     copy_tree(scripts, &scratch)?;
-    let out_name = &config.out_name;
-    for name in [format!("{out_name}.js"), format!("{out_name}.d.ts")] {
-        copy(&paths::bindgen().join(&name), &scratch.join(&name))?;
+    for artefact in &config.artefacts {
+        let (from, to) = (
+            paths::bindgen().join(&artefact.folder),
+            scratch.join(&artefact.folder),
+        );
+        for ending in [".js", ".d.ts", "_bg.wasm"] {
+            let name = format!("{}{ending}", artefact.out_name);
+            copy(&from.join(&name), &to.join(&name))?;
+        }
     }
-    copy(wasm, &scratch.join(format!("{out_name}_bg.wasm")))?;
     for name in ["LICENSE-MIT", "LICENSE-APACHE"] {
         copy(&root.join(name), &scratch.join(name))?;
     }

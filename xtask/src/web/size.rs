@@ -39,8 +39,9 @@ pub(crate) fn run(_args: &Args) -> Result<()> {
         "bytes", "raw", "gzip", "brotli", "budget"
     );
     let mut over = Vec::new();
+    let names: Vec<&str> = budget.keys().map(String::as_str).collect();
     for (name, limit) in &budget {
-        let size = total(name, &sizes)
+        let size = total(name, &names, &sizes)
             .with_context(|| format!("size-budget.json names {name}, not in the package"))?;
         let share = size
             .parts()
@@ -73,20 +74,28 @@ fn excess(name: &str, size: Size, limit: Size) -> Vec<String> {
         .collect()
 }
 
-/// One file, or all files with an ending (`*.js`).
-fn total(name: &str, sizes: &BTreeMap<String, Size>) -> Option<Size> {
-    let Some(ending) = name.strip_prefix('*') else {
-        return sizes.get(name).copied();
+/// One file, or all files of a folder with an ending (`*.js`, `mapper/*.js`) for which the budget has no better name.
+fn total(name: &str, names: &[&str], sizes: &BTreeMap<String, Size>) -> Option<Size> {
+    let best = |file: &str| {
+        let fitting = names.iter().filter(|name| fits(name, file));
+        fitting.max_by_key(|name| name.len()).copied()
     };
     sizes
         .iter()
-        .filter(|(file, _)| file.ends_with(ending))
+        .filter(|(file, _)| best(file) == Some(name))
         .map(|(_, size)| *size)
         .reduce(|a, b| Size {
             raw: a.raw + b.raw,
             gzip: a.gzip + b.gzip,
             brotli: a.brotli + b.brotli,
         })
+}
+
+fn fits(name: &str, file: &str) -> bool {
+    match name.split_once('*') {
+        None => name == file,
+        Some((folder, ending)) => file.starts_with(folder) && file.ends_with(ending),
+    }
 }
 
 /// Compresses with Node's zlib at the strongest setting, as a static host does.
@@ -152,9 +161,13 @@ mod tests {
         let sizes = BTreeMap::from([
             ("a.js".to_owned(), size),
             ("b.js".to_owned(), size),
+            ("mapper/a.js".to_owned(), size),
             ("c.wasm".to_owned(), size),
         ]);
-        assert_eq!(total("*.js", &sizes).map(|size| size.raw), Some(4));
-        assert_eq!(total("d.js", &sizes), None);
+        let names = ["*.js", "mapper/*.js"];
+        let raw = |name| total(name, &names, &sizes).map(|size| size.raw);
+        assert_eq!(raw("*.js"), Some(4), "the folder has a budget of its own");
+        assert_eq!(raw("mapper/*.js"), Some(2));
+        assert_eq!(raw("d.js"), None);
     }
 }

@@ -1,6 +1,7 @@
 //! The wasm binary: cargo, wasm-bindgen, wasm-opt.
 
-use super::config::BuildConfig;
+use super::config::{Artefact, BuildConfig};
+use crate::files::files;
 use crate::setup::{WebTools, node_tool};
 use crate::{paths, shell};
 use anyhow::{Context as _, Result, bail};
@@ -9,10 +10,15 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Builds the binary into a folder and returns its path; the glue lies beside it.
-pub(super) fn build(config: &BuildConfig, tools: &WebTools, dir: &Path) -> Result<PathBuf> {
+pub(super) fn build(
+    config: &BuildConfig,
+    artefact: &Artefact,
+    tools: &WebTools,
+    dir: &Path,
+) -> Result<PathBuf> {
     println!(
-        "web     cargo builds {} ({}, profile {})",
-        config.crate_name, config.target, config.profile
+        "web     cargo builds {} for {} ({}, profile {})",
+        config.crate_name, artefact.out_name, config.target, config.profile
     );
     let mut flags = config.rustflags.clone();
     // Panic messages carry source paths; these say nothing of the machine that built them.
@@ -30,7 +36,11 @@ pub(super) fn build(config: &BuildConfig, tools: &WebTools, dir: &Path) -> Resul
             "--profile",
             &config.profile,
         ])
-        .args(["--target", &config.target])
+        .args(["--target", &config.target]);
+    if !artefact.feature.is_empty() {
+        cargo.args(["--no-default-features", "--features", &artefact.feature]);
+    }
+    cargo
         .env_remove("RUSTFLAGS")
         .env("CARGO_ENCODED_RUSTFLAGS", flags.join("\u{1f}"));
     shell::run(&mut cargo)?;
@@ -39,7 +49,7 @@ pub(super) fn build(config: &BuildConfig, tools: &WebTools, dir: &Path) -> Resul
         .join(&config.profile)
         .join(format!("{}.wasm", config.crate_name.replace('-', "_")));
 
-    let out = dir.join(format!("{}_bg.wasm", config.out_name));
+    let out = dir.join(format!("{}_bg.wasm", artefact.out_name));
     let key = key(config, tools, &raw)?;
     let stamp = dir.join("built-from");
     if out.is_file() && fs::read_to_string(&stamp).is_ok_and(|text| text == key) {
@@ -47,6 +57,10 @@ pub(super) fn build(config: &BuildConfig, tools: &WebTools, dir: &Path) -> Resul
         return Ok(out);
     }
 
+    // A stamp of an older binary must not outlive it.
+    if stamp.exists() {
+        fs::remove_file(&stamp)?;
+    }
     println!("web     wasm-bindgen");
     let scratch = dir.with_extension("tmp");
     if scratch.exists() {
@@ -59,7 +73,7 @@ pub(super) fn build(config: &BuildConfig, tools: &WebTools, dir: &Path) -> Resul
             "web",
             "--remove-producers-section",
             "--out-name",
-            &config.out_name,
+            &artefact.out_name,
             "--out-dir",
         ])
         .arg(&scratch)
@@ -70,7 +84,7 @@ pub(super) fn build(config: &BuildConfig, tools: &WebTools, dir: &Path) -> Resul
         "web     wasm-opt {}",
         config.wasm_opt.first().map_or("", String::as_str)
     );
-    let bound = scratch.join(format!("{}_bg.wasm", config.out_name));
+    let bound = scratch.join(format!("{}_bg.wasm", artefact.out_name));
     let optimized = scratch.join("optimized.wasm");
     let mut wasm_opt = node_tool("binaryen/bin/wasm-opt");
     wasm_opt
@@ -81,8 +95,13 @@ pub(super) fn build(config: &BuildConfig, tools: &WebTools, dir: &Path) -> Resul
     shell::output(&mut wasm_opt)?;
     fs::rename(&optimized, &bound).context("wasm-opt left no output")?;
     paths::write(&scratch.join("built-from"), key.as_bytes())?;
-    fs::create_dir_all(paths::root().join("target/web"))?;
-    paths::replace_dir(&scratch, dir)?;
+    fs::create_dir_all(dir)?;
+    // File by file: the folder of one artefact may hold that of another. The stamp comes last.
+    for name in files(&scratch)?.iter().filter(|name| *name != "built-from") {
+        fs::rename(scratch.join(name), dir.join(name))?;
+    }
+    fs::rename(scratch.join("built-from"), &stamp)?;
+    fs::remove_dir_all(&scratch)?;
     no_private_paths(&fs::read(&out)?)?;
     Ok(out)
 }

@@ -1,0 +1,57 @@
+/** Arguments of the mapper's calls, checked where they enter. */
+import { checkOptions, kind, number, object, oneOf, whole, anything, type Check } from "../arguments.js";
+import type { BuildOptions, FrameOptions, MapperOptions, WriteOptions } from "./types.js";
+
+const largest = Number.MAX_VALUE;
+const isNumber = number(-largest, largest, "");
+const vector: Check = (value) => {
+  const v = value as { x?: unknown; y?: unknown; z?: unknown } | null;
+  return typeof v === "object" && v && ![v.x, v.y, v.z].some((n) => isNumber(n) !== undefined) ? undefined : "{ x, y, z } of finite numbers";
+};
+const end = (value: unknown): boolean => {
+  const v = value as { keyframe?: unknown; x?: unknown; y?: unknown } | null;
+  return typeof v === "object" && v !== null && Number.isInteger(v.keyframe) && (v.keyframe as number) >= 0 && isNumber(v.x) === undefined && isNumber(v.y) === undefined;
+};
+const scale: Check = (value) => {
+  const v = value as { from?: unknown; to?: unknown; metres?: unknown } | null;
+  const isRight = typeof v === "object" && v !== null && end(v.from) && end(v.to) && typeof v.metres === "number" && v.metres > 0 && v.metres <= largest;
+  return isRight ? undefined : "{ from: { keyframe, x, y }, to: { keyframe, x, y }, metres }";
+};
+
+const create: Record<keyof MapperOptions, Check> = {
+  extractor: anything,
+  onProgress: kind("function"),
+  signal: object,
+  wasm: anything,
+  worker: kind("boolean"),
+  workerUrl: (value) => (typeof value === "string" || value instanceof URL ? undefined : "an address"),
+  cache: oneOf("default", "none"),
+  stallTimeoutMs: number(1, 2 ** 31 - 1, "milliseconds from 1 to 2147483647"),
+  integrity: object,
+  fetch: kind("function"),
+  maxSide: whole(32, 8192, "a whole number of pixels from 32 to 8192"),
+  maxKeyframes: whole(3, 500, "a whole number from 3 to 500"),
+};
+
+const add: Record<keyof FrameOptions, Check> = {
+  timestamp: number(-largest, largest, "a finite number of milliseconds"),
+  intrinsics: object,
+  pose: object,
+  gravity: vector,
+  name: kind("string"),
+  transfer: kind("boolean"),
+};
+
+const build: Record<keyof BuildOptions, Check> = {
+  signal: object,
+  onProgress: kind("function"),
+  name: kind("string"),
+  licence: kind("string"),
+};
+
+const write: Record<keyof WriteOptions, Check> = { ...build, scale, up: vector };
+
+export const checkMapperOptions = (options: unknown): void => checkOptions("create", options, create);
+export const checkFrameOptions = (options: unknown): void => checkOptions("addFrame", options, add);
+export const checkBuildOptions = (options: unknown): void => checkOptions("build", options, build);
+export const checkWriteOptions = (options: unknown): void => checkOptions("write", options, write);

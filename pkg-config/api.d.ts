@@ -869,6 +869,28 @@ export declare class DirectChannel<C extends CallTable<C>> implements Channel<C>
 }
 export {};
 
+// ---- sample.d.ts
+
+/**
+ * A room to try the package with: optional entry `landline/sample`. Its files lie in the package and are loaded where they are
+ * asked for; a page that does not import this entry never loads them.
+ *
+ * The room is a rendered one, and its lengths are metres.
+ */
+import type { Intrinsics } from "./types.js";
+/** The scene file. */
+export declare const scene: URL;
+/** A picture of the room that was not among those that taught the scene. */
+export declare const picture: URL;
+/** The picture's camera. */
+export declare const intrinsics: Intrinsics;
+/** Where the picture was taken, in the scene's coordinates. */
+export declare const position: {
+    x: number;
+    y: number;
+    z: number;
+};
+
 // ---- sensors.d.ts
 
 /** Gravity as `locate` takes it. */

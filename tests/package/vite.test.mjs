@@ -4,6 +4,7 @@ import { cp, mkdir, readFile, writeFile } from "node:fs/promises";
 import { join } from "node:path";
 import { test } from "node:test";
 import { browser, haveSample, open, serve } from "./page.mjs";
+import { snippet } from "./snippets.mjs";
 import { installed, npm, run, site } from "./support.mjs";
 
 const skip = haveSample() ? false : "the sample scene is not there: run `cargo xtask sample`";
@@ -18,7 +19,7 @@ test("a Vite project locates a picture", { skip, timeout: 600_000 }, async (t) =
   await cp(join(sample, "sample.landline"), join(folder, "public/room.landline"));
   await cp(join(sample, pictures[0].name), join(folder, "public/picture.jpg"));
   await writeFile(join(folder, "index.html"), '<!doctype html><meta charset="utf-8"><title>t</title><link rel="icon" href="data:,"><script type="module" src="/main.js"></script>');
-  await writeFile(join(folder, "vite.config.js"), 'export default { worker: { format: "es" }, optimizeDeps: { exclude: ["landline"] } };\n');
+  await writeFile(join(folder, "vite.config.js"), await snippet("pkg-config/README.npm.md", "// vite.config.js"));
   await writeFile(
     join(folder, "main.js"),
     `import { Relocalizer } from "landline";

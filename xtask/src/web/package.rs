@@ -51,14 +51,26 @@ pub(super) fn assemble(config: &BuildConfig, scripts: &Path, weights: &Weights) 
     )?;
     convert_weights(weights, &scratch.join("xfeat.safetensors"))?;
     copy(&weights.notice, &scratch.join("XFEAT-LICENSE"))?;
+    // For the entry `landline/sample`.
+    let sample = root.join("www/scenes/sample");
+    for (from, to) in SAMPLE {
+        copy(&sample.join(from), &scratch.join("sample").join(to))?;
+    }
     let manifest = manifest(
         &pins::text("pkg-config/package.template.json")?,
         &version()?,
+        &workspace_value("repository")?,
         &files(&scratch)?,
     )?;
     paths::write(&scratch.join("package.json"), manifest.as_bytes())?;
     paths::replace_dir(&scratch, &finished)
 }
+
+/// Files of the demo's sample and their names in the package.
+const SAMPLE: [(&str, &str); 2] = [
+    ("sample.landline", "sample.landline"),
+    ("query-03.jpg", "picture.jpg"),
+];
 
 /// Has the native tool convert the checkpoint.
 fn convert_weights(weights: &Weights, to: &Path) -> Result<()> {
@@ -103,18 +115,24 @@ pub(crate) fn tarball() -> Result<PathBuf> {
 
 /// The workspace's version, which is the package's too.
 fn version() -> Result<String> {
+    workspace_value("version")
+}
+
+/// What `Cargo.toml` says of all crates.
+fn workspace_value(key: &str) -> Result<String> {
     pins::text("Cargo.toml")?
         .lines()
-        .find_map(|line| line.strip_prefix("version = \""))
+        .find_map(|line| line.strip_prefix(&format!("{key} = \"")))
         .map(|rest| rest.trim_end_matches('"').to_owned())
-        .context("Cargo.toml has no workspace version")
+        .with_context(|| format!("Cargo.toml has no {key} of the workspace"))
 }
 
 /// Fills the template in. The file list names every file, so that a stray one in the folder is never published.
-fn manifest(template: &str, version: &str, files: &[String]) -> Result<String> {
+fn manifest(template: &str, version: &str, repository: &str, files: &[String]) -> Result<String> {
     let text = template
         .replace("{{name}}", "landline")
-        .replace("{{version}}", version);
+        .replace("{{version}}", version)
+        .replace("{{repository}}", repository);
     let list = serde_json::to_string(files)?;
     let filled = text.replace("\"files\": []", &format!("\"files\": {list}"));
     if filled == text || filled.contains("{{") {
@@ -133,18 +151,19 @@ mod tests {
 
     #[test]
     fn fills_the_template() {
-        let template = r#"{ "name": "{{name}}", "version": "{{version}}", "files": [] }"#;
-        let filled = manifest(template, "1.2.3", &["a.js".to_owned()]).unwrap_or_default();
+        let template = r#"{ "name": "{{name}}", "version": "{{version}}", "homepage": "{{repository}}", "files": [] }"#;
+        let filled =
+            manifest(template, "1.2.3", "https://a/b", &["a.js".to_owned()]).unwrap_or_default();
         assert_eq!(
             filled,
-            r#"{ "name": "landline", "version": "1.2.3", "files": ["a.js"] }"#
+            r#"{ "name": "landline", "version": "1.2.3", "homepage": "https://a/b", "files": ["a.js"] }"#
         );
     }
 
     #[test]
     fn refuses_an_unfilled_placeholder() {
         assert!(
-            manifest(r#"{ "x": "{{licence}}", "files": [] }"#, "1.2.3", &[]).is_err(),
+            manifest(r#"{ "x": "{{licence}}", "files": [] }"#, "1.2.3", "", &[]).is_err(),
             "unknown placeholder"
         );
     }

@@ -23,6 +23,8 @@ pub(super) fn stage() -> Result<()> {
     }
     copy_tree(&www, &scratch)?;
     copy_tree(&paths::package(), &scratch.join("vendor/landline"))?;
+    // The page has the whole sample of its own.
+    fs::remove_dir_all(scratch.join("vendor/landline/sample"))?;
     copy_three(&scratch.join("vendor/three"))?;
     let index = scratch.join("index.html");
     let html = fs::read_to_string(&index).context("www/index.html is not UTF-8")?;

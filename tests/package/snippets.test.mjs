@@ -1,0 +1,102 @@
+// The code in every README and guide, taken from the file: all of it type-checks against the packed package, and what stands by
+// itself runs.
+import assert from "node:assert/strict";
+import { cp, readFile, writeFile } from "node:fs/promises";
+import { join } from "node:path";
+import { test } from "node:test";
+import { browser, open, serve } from "./page.mjs";
+import { documents, snippet, snippets } from "./snippets.mjs";
+import { installed, root, run } from "./support.mjs";
+
+const npmReadme = "pkg-config/README.npm.md";
+
+/** What a reader has by then: from the snippet before, or of his own page. Only names that a snippet does not make itself. */
+const brought = {
+  Relocalizer: 'import { Relocalizer } from "landline";',
+  relocalizer: 'declare const relocalizer: import("landline").Relocalizer;',
+  scene: "declare const scene: string;",
+  video: "declare const video: HTMLVideoElement;",
+  context: "declare const context: CanvasRenderingContext2D;",
+  cdn: "declare const cdn: string;",
+  useEffect: "declare function useEffect(effect: () => void | (() => void), on: unknown[]): void;",
+};
+
+/** Packages that a snippet uses and that are not ours. */
+const foreign = ["jpeg-js", "vue"];
+
+/** The scripts of a snippet. */
+function scripts({ language, code }) {
+  if (["js", "ts", "jsx", "mjs"].includes(language)) return [code];
+  if (language === "html") return [...code.matchAll(/<script type="module">([\s\S]*?)<\/script>/g)].map(([, script]) => script);
+  return [];
+}
+
+test("code in the documents type-checks as it is printed", async (t) => {
+  const folder = await installed(t);
+  const files = [];
+  for (const document of await documents()) {
+    for (const one of await snippets(document)) {
+      for (const script of scripts(one)) {
+        const name = `${document.replaceAll(/\W/g, "_")}_${files.length}.ts`;
+        const makes = (word) => new RegExp(`(const|let|function|class) (\\{[^}]*)?\\b${word}\\b|import [^;]*\\b${word}\\b[^;]* from`).test(script);
+        const prelude = Object.entries(brought).filter(([word]) => new RegExp(`\\b${word}\\b`).test(script) && !makes(word));
+        await writeFile(join(folder, name), `${prelude.map(([, line]) => line).join(" ")}\n${script}\nexport {};\n`);
+        files.push(name);
+      }
+    }
+  }
+  assert.ok(files.length >= 10, `${files.length} snippets`);
+  await writeFile(join(folder, "foreign.d.ts"), `${foreign.map((name) => `declare module "${name}";`).join("\n")}\ndeclare module "node:fs/promises" { export function readFile(path: string): Promise<Uint8Array>; }\n`);
+  const options = {
+    module: "esnext", moduleResolution: "bundler", target: "es2022", lib: ["es2023", "esnext.disposable", "dom", "dom.asynciterable"],
+    // They are JavaScript: a parameter without a type is no fault.
+    strict: true, noImplicitAny: false, noEmit: true, types: [], jsx: "preserve",
+  };
+  await writeFile(join(folder, "tsconfig.json"), JSON.stringify({ compilerOptions: options, files: ["foreign.d.ts", ...files] }));
+  const check = () => run(process.execPath, [join(root, "web/node_modules/typescript/bin/tsc"), "--project", "tsconfig.json"], folder);
+  const { status, stdout } = await check();
+  assert.equal(status, 0, stdout);
+
+  // A misspelt name is noticed.
+  const first = join(folder, files.find((name) => name.includes("npm")));
+  await writeFile(first, (await readFile(first, "utf8")).replace("placement", "plaecment"));
+  assert.match((await check()).stdout, /plaecment/);
+});
+
+test("the first lines of the package's page locate its sample", { timeout: 240_000 }, async (t) => {
+  const folder = await installed(t);
+  const code = await snippet(npmReadme, "landline/sample");
+  const imports = { landline: "./node_modules/landline/index.js", "landline/sample": "./node_modules/landline/sample.js" };
+  const html = `<!doctype html><meta charset="utf-8"><link rel="icon" href="data:,"><script type="importmap">${JSON.stringify({ imports })}</script>
+    <script type="module">${code}
+    import { position as truth } from "landline/sample";
+    const at = result.located ? result.placement.position : undefined;
+    globalThis.outcome = at ? Math.hypot(at.x - truth.x, at.y - truth.y, at.z - truth.z) : result.reason;</script>`;
+  await writeFile(join(folder, "index.html"), html);
+  const server = await serve(t, { dir: folder });
+  const { page, said } = await open(await browser(t), server.url);
+  await page.waitForFunction(() => globalThis.outcome !== undefined);
+  const off = await page.evaluate(() => globalThis.outcome);
+  assert.ok(off < 0.05, `${off} ${said}`);
+  assert.deepEqual(said, []);
+  assert.ok(server.requests.some(({ path }) => path.endsWith("sample/picture.jpg")));
+});
+
+test("plain HTML and a CDN work as the package's page says", { timeout: 240_000 }, async (t) => {
+  const folder = await installed(t);
+  await writeFile(join(folder, "plain.html"), `<!doctype html><meta charset="utf-8"><link rel="icon" href="data:,">${await snippet(npmReadme, 'type="importmap"')}`);
+  const code = await snippet(npmReadme, "createObjectURL");
+  const other = await serve(t, { dir: join(folder, "node_modules/landline"), headers: { "access-control-allow-origin": "*" } });
+  const script = `const cdn = ${JSON.stringify(other.url.replace(/\/$/, ""))}; const scene = "./room.landline";\n${code}\nglobalThis.outcome = relocalizer.scene.extractor ?? "made"; await relocalizer.dispose();`;
+  await writeFile(join(folder, "cdn.html"), `<!doctype html><meta charset="utf-8"><link rel="icon" href="data:,"><script type="module">${script}</script>`);
+  await cp(join(folder, "node_modules/landline/sample/sample.landline"), join(folder, "room.landline"));
+  const server = await serve(t, { dir: folder });
+  const launched = await browser(t);
+  const plain = await open(launched, `${server.url}plain.html`);
+  await plain.page.waitForFunction(() => document.title !== "");
+  assert.equal(await plain.page.title(), "ready");
+  const { page, said } = await open(launched, `${server.url}cdn.html`);
+  await page.waitForFunction(() => globalThis.outcome !== undefined).catch((error) => assert.fail(`${error} ${said}`));
+  assert.deepEqual([...plain.said, ...said], []);
+  assert.ok(other.requests.some(({ path }) => path.endsWith("worker.js")), "the worker came from there");
+});

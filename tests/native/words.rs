@@ -57,7 +57,13 @@ fn breaches(words: &[Word], types: &[(String, String)]) -> Vec<String> {
         let mut missing = may.clone();
         for (name, file) in types.iter().filter(|(name, _)| carries(name, word)) {
             missing.remove(name);
-            if !may.contains(name) {
+            let fits = |pattern: &String| {
+                let start = pattern.strip_suffix('*');
+                start.is_some_and(|start| name.starts_with(start))
+            };
+            let of = may.iter().find(|pattern| fits(pattern));
+            of.map(|pattern| missing.remove(pattern));
+            if of.is_none() && !may.contains(name) {
                 sentences.push(format!("{file}: {name} carries `{word}`"));
             }
         }
@@ -107,6 +113,9 @@ fn a_type_with_another_meaning_is_noticed() {
         ["a.rs: SceneFrame carries `frame`"]
     );
     assert_eq!(of(&["Pose"]), ["no type is called FrameView"]);
+    let open = table("| word | types in Rust |\n| --- | --- |\n| frame | `Frame*` |\n");
+    let both = ["FrameView", "SceneFrame"].map(|name| (name.to_owned(), "a.rs".to_owned()));
+    assert_eq!(breaches(&open, &both), ["a.rs: SceneFrame carries `frame`"]);
     assert_eq!(parts("GPUFrame2"), ["gpuframe2"]);
     assert_eq!(parts("TrackedPoint"), ["tracked", "point"]);
     assert_eq!(

@@ -43,7 +43,8 @@ test("types of web/ts carry the words of the conventions", async () => {
   for (const row of rows) {
     const [word, , may] = row.split("|").slice(1).map((cell) => cell.trim());
     const carried = names.filter((name) => parts(name).some((part) => new RegExp(`^${word}(s|er|ed|ing)?$`).test(part)));
+    const fits = (name) => [...may.matchAll(/`(\w+)\*`/g)].some(([, start]) => name.startsWith(start));
     const listed = [...may.matchAll(/`(\w+)`/g)].map(([, name]) => name);
-    assert.deepEqual([...new Set(carried)].sort(), listed.sort(), `${word}: read what it means in docs/CONVENTIONS.md, then rename the type or add it to the table there`);
+    assert.deepEqual([...new Set(carried)].filter((name) => !fits(name)).sort(), listed.sort(), `${word}: read what it means in docs/CONVENTIONS.md, then rename the type or add it to the table there`);
   }
 });

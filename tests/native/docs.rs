@@ -134,7 +134,10 @@ fn documented_commands_exist() {
         .filter(|name| !name.is_empty())
         .collect();
     let mut broken = Vec::new();
-    for document in documents() {
+    for document in documents()
+        .into_iter()
+        .chain(tree::files(".github", ".yml"))
+    {
         for word in tree::read(&document).split("cargo xtask ").skip(1) {
             let name: String = word
                 .chars()
@@ -150,6 +153,32 @@ fn documented_commands_exist() {
         "no such command (known: {known:?}):\n{}",
         broken.join("\n")
     );
+}
+
+/// The archives of a release are those that `cargo binstall` asks for.
+#[test]
+fn releases_are_named_as_their_manifest_says() {
+    let manifest = tree::read("mapper/Cargo.toml");
+    let workflow = tree::read(".github/workflows/release.yml");
+    let value = |key: &str| {
+        let rest = manifest.split(&format!("{key} = \"")).nth(1);
+        rest.and_then(|rest| rest.split('"').next())
+            .unwrap_or_default()
+            .to_owned()
+    };
+    assert!(value("pkg-url").ends_with("/v{ version }/landline-{ target }.tgz"));
+    assert_eq!(
+        value("bin-dir"),
+        "landline-{ target }/{ bin }{ binary-ext }"
+    );
+    for part in [
+        "tags: [\"v*\"]",
+        "NAME: \"landline-${{ matrix.target }}\"",
+        "tar czf \"$NAME.tgz\" \"$NAME\"",
+        "--package landline-mapper",
+    ] {
+        assert!(workflow.contains(part), "release.yml lacks {part}");
+    }
 }
 
 /// A key such as `[lsd2012]` in a module's header stands for a row of `docs/PAPERS.md`.

@@ -11,6 +11,7 @@ mod rooms;
 mod serve;
 mod setup;
 mod shell;
+mod site;
 mod tally;
 mod test;
 mod tiers;
@@ -39,6 +40,7 @@ enum Command {
     Sample(demo::SampleArgs),
     Serve(serve::Args),
     Setup(setup::Args),
+    Site(site::Args),
     Size(web::size::Args),
     Test(test::Args),
     Web(web::Args),
@@ -55,6 +57,7 @@ fn run(command: Command) -> Result<()> {
         Command::Sample(args) => demo::sample(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Setup(args) => setup::run(&args),
+        Command::Site(args) => site::run(&args),
         Command::Size(args) => web::size::run(&args),
         Command::Test(args) => test::run(&args),
         Command::Web(args) => web::run(&args),

@@ -14,7 +14,7 @@ use crate::{paths, setup};
 use anyhow::Result;
 use config::{Artefact, BuildConfig};
 
-pub(crate) use package::tarball;
+pub(crate) use package::{tarball, workspace_value};
 
 /// Builds the npm package and the demo page.
 #[derive(Debug, clap::Args)]

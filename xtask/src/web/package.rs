@@ -119,7 +119,7 @@ fn version() -> Result<String> {
 }
 
 /// What `Cargo.toml` says of all crates.
-fn workspace_value(key: &str) -> Result<String> {
+pub(crate) fn workspace_value(key: &str) -> Result<String> {
     pins::text("Cargo.toml")?
         .lines()
         .find_map(|line| line.strip_prefix(&format!("{key} = \"")))

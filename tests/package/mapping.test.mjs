@@ -26,11 +26,8 @@ async function mapping(test, { told = {}, options = {}, camera = false } = {}) {
   return { ...opened, server, pictures };
 }
 
-/** The page is there; what it opens with may still be loading. The way in stays hidden until there is a mapper to load. */
-async function ready(page) {
-  await page.waitForFunction(() => globalThis.landlinePage);
-  await page.evaluate(() => (document.querySelector("[data-source=map]").hidden = false));
-}
+/** The page is there; what it opens with may still be loading. */
+const ready = (page) => page.waitForFunction(() => globalThis.landlinePage);
 
 const heading = (page, text) => page.waitForFunction((wanted) => document.querySelector("#mapping-title")?.textContent === wanted, text);
 const keptPictures = (page, atLeast) => page.waitForFunction((n) => parseInt(document.querySelector("#map-count")?.textContent) >= n, atLeast);

@@ -34,7 +34,7 @@ export async function filmStep(flow, source, files) {
   const progress = isCamera ? undefined : el("progress", { max: 1, value: 0, "aria-label": "How much has been looked at" });
   const keeps = el("p", { class: "fine", id: "map-keeps", role: "status" });
   const coverage = ring();
-  const finish = button(isCamera ? "Stop, make the map" : "Stop here, make the map", () => stop.abort(), { kind: "button button-main", id: "map-stop", disabled: true });
+  const finish = button(isCamera ? "Stop, make the map" : "Stop here, make the map", () => end(), { kind: "button button-main", id: "map-stop", disabled: true });
   const leftOut = [];
   let opened;
   let mapper;
@@ -63,13 +63,20 @@ export async function filmStep(flow, source, files) {
     counter.textContent = `${plural(length, "picture")} kept`;
     // The ring is full when a room of usual size would be known; filming may go on.
     coverage.set(length / (mapper?.coverage.enough ?? Infinity));
-    finish.disabled = length === 0;
+    finish.disabled = length === 0 || stop.signal.aborted;
     keeps.textContent = flow.film.unkept ? `These pictures are lost when the page is closed: ${flow.film.unkept.message}.` : "";
   };
   const say = ({ text, kind }) => {
     if (advice.textContent !== text) advice.textContent = text;
     advice.dataset.kind = kind;
     flow.announcer.say(text);
+  };
+  /** The last frame is still being looked at; that this is the end shows at once. */
+  const end = () => {
+    finish.disabled = true;
+    finish.textContent = "One moment…";
+    video?.pause();
+    stop.abort();
   };
   const onHidden = () => document.hidden && isCamera && say({ text: "Paused while the page is hidden", kind: "warn" });
   document.addEventListener("visibilitychange", onHidden, { signal: stop.signal });

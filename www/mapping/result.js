@@ -70,14 +70,14 @@ export async function resultStep(flow, { scene, report, name }) {
   flow.show(
     "result",
     [
-      heading("Your place is mapped"),
+      heading(registered.length < all / 2 ? "A part of your place is mapped" : "Your place is mapped"),
       el("p", { id: "map-summary" }, `${facts.join(" · ")}.`),
+      ...report.warnings.map((text) => el("p", { class: "problem-hint" }, text)),
       el("div", { class: "map-ways" }, button("Try it", () => flow.tryPlace(place.scene, place.name), { kind: "button button-main", id: "map-try" }), button("Save as a file", () => save(fileName(place.name), place.scene, "application/octet-stream"), { id: "map-save" })),
       el("label", { class: "map-name" }, "Name ", field),
       el("div", { class: "row" }, kept, again),
       frame,
       el("p", { class: "fine" }, "Orange: lines. Blue: points. White: where the camera stood, with its way in green."),
-      ...report.warnings.map((text) => el("p", { class: "problem-hint" }, text)),
       problems(missing, film?.leftOut ?? []),
       metreStick({ film, report, rewrite }),
       upSliders(() => upOf(place.report), (up) => view?.setUp(up), rewrite),

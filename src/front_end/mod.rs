@@ -19,7 +19,7 @@ use crate::lsd::post::{self, PostParams, Rank};
 use crate::lsd::{self, LsdParams, LsdScratch};
 use crate::models::{ExtractorKind, Sampler};
 use crate::nn::cpu::Level;
-use crate::scene_file::ExtractorFile;
+use crate::scene_file::{ExtractorFile, MAX_WORKING_SIDE};
 
 /// How features are made.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -267,11 +267,11 @@ impl FrontEnd {
 
 fn check(options: &FrontEndOptions, extractor: ExtractorKind) -> Result<(), FrontEndError> {
     let min_side = extractor.min_side();
-    if !(min_side..=8192).contains(&options.max_side) {
+    if !(min_side..=MAX_WORKING_SIDE as usize).contains(&options.max_side) {
         return Err(FrontEndError::Option {
             name: "max_side",
             value: options.max_side as f64,
-            expected: "between the extractor's smallest side (32 for XFeat) and 8192",
+            expected: "between the extractor's smallest side (32 for XFeat) and 2048",
         });
     }
     if options.min_segment_px.is_nan() || options.min_segment_px < 0.0 {

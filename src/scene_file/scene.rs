@@ -478,6 +478,7 @@ mod tests {
             ("variant", "v1"),
             ("config", "{}"),
             ("working_max_side", "1e9"),
+            ("working_max_side", "2049"),
             ("training", "5"),
             (
                 "training",

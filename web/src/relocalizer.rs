@@ -9,7 +9,7 @@ use landline::geometry::{CamFromWorld, Camera};
 use landline::image::FrameView;
 use landline::pose::Gravity;
 use landline::relocalizer::{Begun, CameraSource, CreateError, LiveOptions, Observed, Relocalizer};
-use landline::scene_file::{ExtractorFile, SceneFile, TensorFile, Units};
+use landline::scene_file::{ExtractorFile, MAX_WORKING_SIDE, SceneFile, TensorFile, Units};
 use landline::session::{Session, SessionQuery, Smoothing};
 use nalgebra::Vector3;
 use serde::Deserialize;
@@ -33,10 +33,11 @@ impl Options {
         let options: Self = serde_json::from_str(json)
             .map_err(|e| js_error(Code::BadInput, &format!("options: {e}")))?;
         if let Some(side) = options.max_side
-            && !((1.0..=8192.0).contains(&side) && side.fract() == 0.0)
+            && !((1.0..=f64::from(MAX_WORKING_SIDE)).contains(&side) && side.fract() == 0.0)
         {
-            let message =
-                format!("option maxSide is {side}; it must be a whole number of pixels up to 8192");
+            let message = format!(
+                "option maxSide is {side}; it must be a whole number of pixels up to {MAX_WORKING_SIDE}"
+            );
             return Err(js_error(Code::BadInput, &message));
         }
         if let Some(seed) = options.seed

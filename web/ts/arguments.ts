@@ -32,7 +32,7 @@ const largest = Number.MAX_VALUE;
 
 const live: Record<keyof LiveOptions, Check> = {
   smoothing: oneOf("off", "steady", "responsive"),
-  maxSide: whole(1, 8192, "a whole number of pixels from 1 to 8192"),
+  maxSide: whole(1, 2048, "a whole number of pixels from 1 to 2048"),
   timeBudgetMs: number(0, largest, "a finite number of milliseconds that is not negative"),
   seed: whole(0, Number.MAX_SAFE_INTEGER, "a whole number that is not negative"),
   maxPointErrorPx: number(Number.MIN_VALUE, largest, "a finite number of pixels above 0"),

@@ -235,7 +235,7 @@ export type Smoothing = "off" | "steady" | "responsive";
 /** Options that can be changed at any time. */
 export interface LiveOptions {
   smoothing?: Smoothing;
-  /** Largest side of the image the engine works on. The scene's own value is best. */
+  /** Largest side of the image the engine works on, at most 2048 pixels. The scene's own value is best. */
   maxSide?: number;
   /** Upper limit for the search for a position. */
   timeBudgetMs?: number;

@@ -29,7 +29,7 @@ const create: Record<keyof MapperOptions, Check> = {
   stallTimeoutMs: number(1, 2 ** 31 - 1, "milliseconds from 1 to 2147483647"),
   integrity: object,
   fetch: kind("function"),
-  maxSide: whole(32, 8192, "a whole number of pixels from 32 to 8192"),
+  maxSide: whole(32, 2048, "a whole number of pixels from 32 to 2048"),
   maxKeyframes: whole(3, 500, "a whole number from 3 to 500"),
 };
 

@@ -43,6 +43,17 @@ pub enum FilmError {
         /// In all.
         all: usize,
     },
+    /// The camera did not move from its spot.
+    #[error(
+        "the camera only turned on the spot, which shows no depth: walk sideways while you film"
+    )]
+    OnlyTurned,
+    /// What was placed shows no depth.
+    #[error(
+        "the pictures do not show the same things from different places ({0}): walk sideways while you film, and keep half of \
+         what you saw in view; turning on the spot shows no depth"
+    )]
+    NoDepth(String),
     /// No poses.
     #[error(transparent)]
     Motion(MotionError),
@@ -70,6 +81,7 @@ impl From<TrackError> for FilmError {
     fn from(error: TrackError) -> Self {
         match error {
             TrackError::Stopped => Self::Stopped,
+            TrackError::NoOverlap { what, .. } => Self::NoDepth(what),
             other => Self::Tracks(other),
         }
     }

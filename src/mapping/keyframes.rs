@@ -152,6 +152,8 @@ pub struct KeyframeChoice {
     recent: VecDeque<f64>,
     matcher: MutualMatcher,
     turned_in_a_row: usize,
+    num_asked: usize,
+    num_turned: usize,
 }
 
 impl KeyframeChoice {
@@ -168,8 +170,21 @@ impl KeyframeChoice {
         &self.params
     }
 
-    /// What can be said of a frame before its features are made: reasons against it, if there are any.
-    pub fn look(&mut self, size: (u32, u32), exposure: Exposure, kept: usize) -> Option<Verdict> {
+    /// Whether a turn on the spot explains nearly all keyframes so far. Structure from motion does not always see that: with an
+    /// unknown focal length a turn can look like a movement.
+    pub fn only_turns(&self) -> bool {
+        self.num_asked > 0 && 5 * self.num_turned >= 4 * self.num_asked
+    }
+
+    /// What can be said of a frame before its features are made: reasons against it, if there are any. A frame that is chosen
+    /// already, because it was a keyframe before, is not asked for its sharpness.
+    pub fn look(
+        &mut self,
+        size: (u32, u32),
+        exposure: Exposure,
+        kept: usize,
+        is_chosen: bool,
+    ) -> Option<Verdict> {
         if kept >= self.params.max_keyframes {
             return Some(Verdict::refused(NotKept::Full, Some(Advice::Enough)));
         }
@@ -187,12 +202,18 @@ impl KeyframeChoice {
         }
         let is_blurred =
             usual.is_some_and(|usual| exposure.sharpness < self.params.min_sharpness_share * usual);
-        is_blurred.then_some(Verdict::refused(NotKept::Blurred, Some(Advice::Slower)))
+        (is_blurred && !is_chosen)
+            .then_some(Verdict::refused(NotKept::Blurred, Some(Advice::Slower)))
     }
 
     /// What becomes of a frame that [`Self::look`] had nothing against; `kept` are the keyframes so far. Features are in pixels
-    /// of the frame.
-    pub fn choose(&mut self, features: &FeatureSet, kept: &[&FeatureSet]) -> Verdict {
+    /// of the frame. One that is chosen already may be similar.
+    pub fn choose(
+        &mut self,
+        features: &FeatureSet,
+        kept: &[&FeatureSet],
+        is_chosen: bool,
+    ) -> Verdict {
         if features.keypoints.len() < self.params.min_keypoints {
             return Verdict::refused(NotKept::TooFewFeatures, None);
         }
@@ -212,14 +233,17 @@ impl KeyframeChoice {
                 .collect();
             if moved.len() < self.params.min_matches {
                 advice = Some(Advice::Slower);
-            } else if median_in_place(&mut moved)
-                .is_some_and(|m| m < self.params.min_displacement * side)
+            } else if !is_chosen
+                && median_in_place(&mut moved)
+                    .is_some_and(|m| m < self.params.min_displacement * side)
             {
                 return Verdict::refused(NotKept::TooSimilar, None);
             }
         }
         if let Some(earlier) = kept.len().checked_sub(TURN_GAP).and_then(|i| kept.get(i)) {
             let only_turned = self.only_turned(earlier, features, (width, height));
+            self.num_asked += 1;
+            self.num_turned += usize::from(only_turned);
             self.turned_in_a_row = if only_turned {
                 self.turned_in_a_row + 1
             } else {
@@ -316,42 +340,48 @@ mod tests {
         let why = |v: Option<Verdict>| v.and_then(|v| v.not_kept);
         let size = (640, 480);
         for _ in 0..5 {
-            assert_eq!(choice.look(size, exposure(100.0, 50.0), 0), None);
+            assert_eq!(choice.look(size, exposure(100.0, 50.0), 0, false), None);
         }
-        let dark = choice.look(size, exposure(5.0, 50.0), 0);
+        let dark = choice.look(size, exposure(5.0, 50.0), 0, false);
         assert_eq!(why(dark), Some(NotKept::TooDark));
         assert_eq!(dark.and_then(|v| v.advice), Some(Advice::MoreLight));
-        let blurred = choice.look(size, exposure(100.0, 5.0), 1);
+        let blurred = choice.look(size, exposure(100.0, 5.0), 1, false);
         assert_eq!(why(blurred), Some(NotKept::Blurred));
-        let turned = choice.look((480, 640), exposure(100.0, 50.0), 1);
+        let turned = choice.look((480, 640, false), exposure(100.0, 50.0), 1);
         assert_eq!(why(turned), Some(NotKept::SizeChanged));
-        let full = choice.look(size, exposure(100.0, 50.0), 300);
+        let full = choice.look(size, exposure(100.0, 50.0), 300, false);
         assert_eq!(why(full), Some(NotKept::Full));
     }
 
     #[test]
     fn what_moved_is_kept_and_what_did_not_is_not() {
         let mut choice = KeyframeChoice::default();
-        choice.look((640, 480), exposure(100.0, 50.0), 0);
+        choice.look((640, 480, false), exposure(100.0, 50.0), 0);
         let first = features(0.0);
-        assert_eq!(choice.choose(&first, &[]).not_kept, None);
-        let near = choice.choose(&features(10.0), &[&first]);
+        assert_eq!(choice.choose(&first, &[], false).not_kept, None);
+        let near = choice.choose(&features(10.0), &[&first], false);
         assert_eq!(near.not_kept, Some(NotKept::TooSimilar));
-        assert_eq!(choice.choose(&features(40.0), &[&first]).not_kept, None);
-        let empty = choice.choose(&FeatureSet::default(), &[&first]);
+        assert_eq!(
+            choice.choose(&features(40.0), &[&first], false).not_kept,
+            None
+        );
+        let again = choice.choose(&features(10.0), &[&first], true);
+        assert_eq!(again.not_kept, None, "a keyframe of before");
+        let empty = choice.choose(&FeatureSet::default(), &[&first], false);
         assert_eq!(empty.not_kept, Some(NotKept::TooFewFeatures));
     }
 
     #[test]
     fn turning_on_the_spot_is_told() {
         let mut choice = KeyframeChoice::default();
-        choice.look((640, 480), exposure(100.0, 50.0), 0);
+        choice.look((640, 480, false), exposure(100.0, 50.0), 0);
         let film: Vec<FeatureSet> = (0..8).map(|i| features(20.0 * f64::from(i))).collect();
         let mut advice = None;
         for i in 0..film.len() {
             let kept: Vec<&FeatureSet> = film[..i].iter().collect();
-            advice = choice.choose(&film[i], &kept).advice;
+            advice = choice.choose(&film[i], &kept, false).advice;
         }
         assert_eq!(advice, Some(Advice::MoveSideways));
+        assert!(choice.only_turns());
     }
 }

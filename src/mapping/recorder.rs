@@ -33,6 +33,8 @@ pub struct FrameInfo {
     pub cam_from_world: Option<CamFromWorld>,
     /// Downwards in camera axes, if that is known.
     pub gravity_in_cam: Option<Vector3<f64>>,
+    /// It was a keyframe before: similarity and blur are no reasons against it.
+    pub is_chosen: bool,
 }
 
 /// A distance that somebody knows: between what two pixels of keyframes show.
@@ -102,14 +104,20 @@ impl Film {
     }
 
     /// See [`KeyframeChoice::look`].
-    pub fn look(&mut self, size: (u32, u32), exposure: Exposure) -> Option<Verdict> {
-        self.choice.look(size, exposure, self.views.len())
+    pub fn look(
+        &mut self,
+        size: (u32, u32),
+        exposure: Exposure,
+        is_chosen: bool,
+    ) -> Option<Verdict> {
+        let kept = self.views.len();
+        self.choice.look(size, exposure, kept, is_chosen)
     }
 
     /// Takes a frame that [`Self::look`] had nothing against, or says why not. Features are in pixels of the frame.
     pub fn add(&mut self, size: (u32, u32), features: FeatureSet, info: FrameInfo) -> Verdict {
         let kept: Vec<&FeatureSet> = self.views.iter().map(|v| &v.features).collect();
-        let verdict = self.choice.choose(&features, &kept);
+        let verdict = self.choice.choose(&features, &kept, info.is_chosen);
         if verdict.not_kept.is_none() {
             self.map = None;
             self.views.push(View {
@@ -167,6 +175,9 @@ impl Film {
         observer: &mut dyn Observer,
     ) -> Result<&FilmMap, FilmError> {
         self.map = None;
+        if self.choice.only_turns() && self.views.iter().all(|v| v.cam_from_world.is_none()) {
+            return Err(FilmError::OnlyTurned);
+        }
         let mut map = map_film(&self.views, &self.group(), params, observer).await?;
         map.gravity = self.gravity(&map);
         Ok(self.map.insert(map))

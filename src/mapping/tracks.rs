@@ -174,9 +174,9 @@ pub async fn point_tracks(
         let told = watch.tell(Stage::PosedMatch, done, pairs.len()).await;
         told.ok_or(TrackError::Stopped)?;
     }
-    let told = watch.tell(Stage::Points, 0, 1).await;
-    told.ok_or(TrackError::Stopped)?;
-    let tracks = build_point_tracks(views, &matches, &params.points);
+    let tracks = build_point_tracks(views, &matches, &params.points, watch)
+        .await
+        .ok_or(TrackError::Stopped)?;
     if tracks.is_empty() {
         return Err(no_overlap(format!(
             "{} matches of {} pairs give no point",
@@ -184,8 +184,6 @@ pub async fn point_tracks(
             pairs.len()
         )));
     }
-    let told = watch.tell(Stage::Points, 1, 1).await;
-    told.ok_or(TrackError::Stopped)?;
     stats.num_matches = matches.len();
     Ok(tracks)
 }

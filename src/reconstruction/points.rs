@@ -3,7 +3,7 @@
 use super::matching::Match;
 use super::track::{describe_points, point_descriptor};
 use super::triangulate::{Bundle, Ray};
-use super::{Observation, PointTrack, PosedView};
+use super::{Observation, PointTrack, PosedView, Stage, Watch};
 use crate::math::{Rng, elementary, parallel};
 use nalgebra::Vector3;
 use std::collections::HashSet;
@@ -41,13 +41,16 @@ impl Default for PointParams {
 /// Loss of the refinement turns linear here; about the noise of an integer keypoint in several views.
 const HUBER_PX: f64 = 1.5;
 const NO_TRACK: u32 = u32::MAX;
+/// Sets of joined keypoints in one piece of work.
+const ROBUST_PIECE: usize = 1024;
 
-/// Builds the tracks of a scene.
-pub fn build_point_tracks(
+/// Builds the tracks of a scene; `None` when stopped.
+pub async fn build_point_tracks(
     views: &[PosedView<'_>],
     matches: &[Match],
     params: &PointParams,
-) -> Vec<PointTrack> {
+    watch: &mut Watch<'_>,
+) -> Option<Vec<PointTrack>> {
     let bundle = Bundle { views };
     let nodes = Nodes::new(views);
     let mut edges: Vec<(u32, u32, f32)> = matches
@@ -56,20 +59,31 @@ pub fn build_point_tracks(
         .collect();
     edges.sort_unstable_by(|x, y| y.2.total_cmp(&x.2).then((x.0, x.1).cmp(&(y.0, y.1))));
     let components = join(&nodes, &edges);
-    let mut tracks: Vec<PointTrack> = parallel::map(components.len(), |seed| {
-        robust(&bundle, &components[seed], params, seed as u64)
-    })
-    .into_iter()
-    .flatten()
-    .collect();
-    for _ in 0..params.rounds {
+    // Half of the work, then a step for each round and one for the projection.
+    let steps = params.rounds + 1;
+    let total = 2 * components.len().max(1);
+    let mut tracks: Vec<PointTrack> = Vec::new();
+    for first in (0..components.len()).step_by(ROBUST_PIECE) {
+        let piece = &components[first..components.len().min(first + ROBUST_PIECE)];
+        let found = parallel::map(piece.len(), |i| {
+            robust(&bundle, &piece[i], params, (first + i) as u64)
+        });
+        tracks.extend(found.into_iter().flatten());
+        watch
+            .tell(Stage::Points, first + piece.len(), total)
+            .await?;
+    }
+    for round in 0..params.rounds {
         let mut owner = nodes.owners(&tracks);
         complete(&bundle, &nodes, &edges, &mut tracks, &mut owner, params);
         merge(&bundle, &edges, &mut tracks, &owner, params);
         tracks = settle(&bundle, tracks, params);
+        let done = total / 2 + (round + 1) * (total / 2) / steps;
+        watch.tell(Stage::Points, done, total).await?;
     }
     by_projection(views, &nodes, &mut tracks, params);
     tracks = settle(&bundle, tracks, params);
+    watch.tell(Stage::Points, total, total).await?;
     tracks.retain(|t| {
         t.observations.len() >= params.min_observations
             && bundle
@@ -78,7 +92,7 @@ pub fn build_point_tracks(
                 >= params.min_angle_deg
     });
     describe_points(views, &mut tracks);
-    tracks
+    Some(tracks)
 }
 
 /// Keypoints of all views in one numbering.

@@ -231,6 +231,7 @@ impl RawMapper {
         pose: &[f64],
         gravity: &[f64],
         name: String,
+        is_chosen: bool,
     ) -> Result<String, JsValue> {
         let frame = FrameView {
             bytes: &self.frame,
@@ -261,7 +262,7 @@ impl RawMapper {
             .map_err(|e| from_front_end(&e))?;
         let exposure = Exposure::of(&image);
         let size = (width, height);
-        let verdict = match self.film.look(size, exposure) {
+        let verdict = match self.film.look(size, exposure, is_chosen) {
             Some(refused) => refused,
             None => {
                 self.front_end
@@ -274,6 +275,7 @@ impl RawMapper {
                     camera,
                     cam_from_world,
                     gravity_in_cam,
+                    is_chosen,
                 };
                 self.film.add(size, features, info)
             }

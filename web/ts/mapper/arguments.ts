@@ -39,6 +39,7 @@ const add: Record<keyof FrameOptions, Check> = {
   pose: object,
   gravity: vector,
   name: kind("string"),
+  keep: kind("boolean"),
   transfer: kind("boolean"),
 };
 

@@ -78,11 +78,11 @@ export class MapperEngine {
     return null;
   }
 
-  #add({ frame, intrinsics, areExact, pose, gravity, name }: AddRequest): FrameVerdict {
+  #add({ frame, intrinsics, areExact, pose, gravity, name, keep }: AddRequest): FrameVerdict {
     try {
       const raw = this.#alive();
       const { width, height, stride, format } = this.#pixels.write(frame, raw, this.#memory as WebAssembly.Memory);
-      return JSON.parse(raw.addFrame(width, height, stride, format, Float64Array.from(intrinsics), areExact, Float64Array.from(pose), Float64Array.from(gravity), name)) as FrameVerdict;
+      return JSON.parse(raw.addFrame(width, height, stride, format, Float64Array.from(intrinsics), areExact, Float64Array.from(pose), Float64Array.from(gravity), name, keep)) as FrameVerdict;
     } finally {
       if (!("data" in frame)) frame.close();
     }

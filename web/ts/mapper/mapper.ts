@@ -130,7 +130,7 @@ export class Mapper extends EventTarget {
       const k = given && intrinsicsForFrame(given, width, height);
       verdict = await this.#channel.call(
         "add",
-        { frame, intrinsics: k ? [k.fx, k.fy, k.cx, k.cy] : [], areExact: options.intrinsics !== undefined, pose, gravity: g ? [g.x, g.y, g.z] : [], name: name ?? "" },
+        { frame, intrinsics: k ? [k.fx, k.fy, k.cx, k.cy] : [], areExact: options.intrinsics !== undefined, pose, gravity: g ? [g.x, g.y, g.z] : [], name: name ?? "", keep: options.keep ?? false },
         prepared.transfer,
       );
     } catch (error) {

@@ -18,6 +18,7 @@ export interface AddRequest {
   /** Empty, or a direction in the camera. */
   gravity: readonly number[];
   name: string;
+  keep: boolean;
 }
 
 /** What the engine's `write` takes. */

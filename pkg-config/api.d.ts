@@ -559,6 +559,8 @@ export interface FrameOptions {
     /** Downwards in camera axes (x right, y down, z forward), as `motionSensors()` tells. */
     gravity?: Vec3;
     name?: string;
+    /** It was a keyframe before, of a film that is read in again: similarity and blur are no reasons against it. */
+    keep?: boolean;
     /** Hand over `ImageBitmap`, `VideoFrame` or the buffer of raw pixels instead of copying: they are unusable afterwards. */
     transfer?: boolean;
 }

@@ -347,7 +347,7 @@ mod tests {
         assert_eq!(dark.and_then(|v| v.advice), Some(Advice::MoreLight));
         let blurred = choice.look(size, exposure(100.0, 5.0), 1, false);
         assert_eq!(why(blurred), Some(NotKept::Blurred));
-        let turned = choice.look((480, 640, false), exposure(100.0, 50.0), 1);
+        let turned = choice.look((480, 640), exposure(100.0, 50.0), 1, false);
         assert_eq!(why(turned), Some(NotKept::SizeChanged));
         let full = choice.look(size, exposure(100.0, 50.0), 300, false);
         assert_eq!(why(full), Some(NotKept::Full));
@@ -356,7 +356,7 @@ mod tests {
     #[test]
     fn what_moved_is_kept_and_what_did_not_is_not() {
         let mut choice = KeyframeChoice::default();
-        choice.look((640, 480, false), exposure(100.0, 50.0), 0);
+        choice.look((640, 480), exposure(100.0, 50.0), 0, false);
         let first = features(0.0);
         assert_eq!(choice.choose(&first, &[], false).not_kept, None);
         let near = choice.choose(&features(10.0), &[&first], false);
@@ -374,7 +374,7 @@ mod tests {
     #[test]
     fn turning_on_the_spot_is_told() {
         let mut choice = KeyframeChoice::default();
-        choice.look((640, 480, false), exposure(100.0, 50.0), 0);
+        choice.look((640, 480), exposure(100.0, 50.0), 0, false);
         let film: Vec<FeatureSet> = (0..8).map(|i| features(20.0 * f64::from(i))).collect();
         let mut advice = None;
         for i in 0..film.len() {

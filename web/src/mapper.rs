@@ -100,6 +100,12 @@ struct JsObserver<'a> {
 
 impl Observer for JsObserver<'_> {
     fn tell(&mut self, stage: Stage, done: usize, total: usize) -> bool {
+        // Matching is the first half of the points, triangulation the second.
+        let (done, total) = match stage {
+            Stage::PosedMatch => (done, 2 * total),
+            Stage::Points => (total + done, 2 * total),
+            _ => (done, total),
+        };
         let (name, done, total) = (stage_name(stage), done as f64, total as f64);
         let answer = self
             .tell

@@ -7,6 +7,7 @@
 use super::Landmarks;
 use super::code::{CODE_BITS, similarity};
 use super::grid::PixelGrid;
+use super::intrinsics::{CameraCheck, SolvedCamera};
 use super::lines::{LineMatcher, LineWindow};
 use super::recall::Votes;
 use crate::features::FeatureSet;
@@ -126,6 +127,21 @@ pub(super) fn belief(similarity: f32) -> f32 {
     logistic(slope * (f64::from(similarity) - middle)) as f32
 }
 
+/// Pixels of a camera's picture to one of 640.
+fn unit(camera: &Camera) -> f64 {
+    (f64::from(camera.width.max(camera.height)) / 640.0).max(0.25)
+}
+
+/// The solver's options in a round.
+fn round_options(options: &PoseOptions, round: &Round, unit: f64) -> PoseOptions {
+    PoseOptions {
+        max_point_error_px: round.max_point_error * unit,
+        max_line_error_px: round.max_line_error * unit,
+        sigma_px: SIGMA_PX * unit,
+        ..*options
+    }
+}
+
 /// Buffers of the guided matcher, and the correspondences of its last look.
 #[derive(Debug, Default)]
 pub struct SecondLook {
@@ -135,6 +151,7 @@ pub struct SecondLook {
     best_of_landmark: Vec<Best>,
     best_of_keypoint: Vec<Best>,
     lines: LineMatcher,
+    check: CameraCheck,
     votes: Votes,
     points_found: Vec<PointCorrespondence>,
     lines_found: Vec<LineCorrespondence>,
@@ -207,7 +224,7 @@ impl SecondLook {
         if !self.is_loaded {
             return Ok(None);
         }
-        let unit = (f64::from(camera.width.max(camera.height)) / 640.0).max(0.25);
+        let unit = unit(camera);
         let (mut camera, mut cam_from_world) = (*camera, *start);
         let mut last = None;
         for round in &ROUNDS {
@@ -234,12 +251,7 @@ impl SecondLook {
             if self.points_found.len() + self.lines_found.len() < MIN_MATCHES {
                 return Ok(None);
             }
-            let options = PoseOptions {
-                max_point_error_px: round.max_point_error * unit,
-                max_line_error_px: round.max_line_error * unit,
-                sigma_px: SIGMA_PX * unit,
-                ..*options
-            };
+            let options = round_options(options, round, unit);
             let outcome = pose::refine(
                 &self.points_found,
                 &self.lines_found,
@@ -258,6 +270,20 @@ impl SecondLook {
         }
         let found = self.found_again(scratch, &camera, unit);
         Ok(last.map(|outcome| (outcome, found)))
+    }
+
+    /// The camera that the matches of the last look ask for, which gave this camera and pose; `None` where the camera fits or they
+    /// leave it open. `is_doubted` where the camera is one that was solved here already: small changes count then.
+    pub fn other_camera(
+        &mut self,
+        camera: &Camera,
+        cam_from_world: &CamFromWorld,
+        is_doubted: bool,
+    ) -> Option<SolvedCamera> {
+        let sigma_px = SIGMA_PX * unit(camera);
+        let points = &self.points_found;
+        self.check
+            .solve(points, camera, cam_from_world, sigma_px, is_doubted)
     }
 
     /// Points of the last round of the last look.

@@ -15,6 +15,7 @@ pub mod code;
 pub mod from_map;
 mod grid;
 pub mod guided;
+mod intrinsics;
 mod lines;
 mod ready;
 mod recall;
@@ -24,5 +25,6 @@ mod tests;
 pub mod view;
 
 pub use guided::{FoundAgain, LookOptions, SecondLook};
+pub use intrinsics::SolvedCamera;
 pub use ready::Landmarks;
 pub use table::{LandmarkError, LandmarkTable};

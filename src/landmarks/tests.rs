@@ -236,3 +236,43 @@ fn features_of_another_extractor_are_not_looked_for() {
     );
     assert_eq!(found.expect("sound input"), None);
 }
+
+#[test]
+fn what_was_found_tells_another_focal_length() {
+    let mut rng = Rng::from_seed(14);
+    let room = Room::new(&mut rng);
+    let landmarks = Landmarks::new(&room.table());
+    let truth = pose([0.05, -0.1, 0.02], [0.2, -0.05, 0.3]);
+    let features = room.seen(&truth, &mut rng);
+    let (mut look, mut scratch) = (SecondLook::default(), PoseScratch::default());
+    assert!(look.load(&landmarks, &features, (640, 480)));
+    for factor in [1.0, 1.08, 0.93] {
+        let given = room.camera.with_focal_scaled(1.0 / factor);
+        let (outcome, _) = look
+            .look(
+                &landmarks,
+                &features,
+                &given,
+                &truth,
+                LookOptions::default(),
+                &PoseOptions::default(),
+                &mut scratch,
+                &mut || 0.0,
+            )
+            .expect("sound input")
+            .expect("finds enough");
+        let estimate = outcome.estimate.expect("a pose");
+        let other = look.other_camera(&estimate.camera, &estimate.cam_from_world, false);
+        let Some(solved) = other else {
+            assert_eq!(factor, 1.0);
+            continue;
+        };
+        // Matches of the windows around a wrong projection draw towards it: half of the way shows that it is wrong.
+        let ln_ratio = (solved.camera.focal_px().0 / given.focal_px().0).ln();
+        let expected = f64::ln(factor);
+        assert!(
+            (ln_ratio - expected).abs() < 0.5 * expected.abs(),
+            "{factor}: {solved:?}"
+        );
+    }
+}

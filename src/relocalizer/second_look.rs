@@ -5,7 +5,9 @@ use super::error::LocateError;
 use crate::features::FeatureSet;
 use crate::geometry::{CamFromWorld, Camera};
 use crate::landmarks::{FoundAgain, LandmarkTable, Landmarks, LookOptions, SecondLook};
-use crate::pose::{PoseError, PoseOptions, PoseOutcome, PoseScratch, PoseStatus};
+use crate::pose::{
+    Degeneracy, Focal, PoseError, PoseOptions, PoseOutcome, PoseScratch, PoseStatus,
+};
 
 /// Fewer landmarks found again do not carry an answer.
 const MIN_FOUND: u32 = 20;
@@ -14,6 +16,13 @@ const MIN_SHARE: f64 = 0.05;
 /// A pose that finds so many, and this share, has no rival.
 const CLEAR_FOUND: u32 = 60;
 const CLEAR_SHARE: f64 = 0.12;
+
+/// Another camera than the given one is believed where so many times as much is found with it.
+const OTHER_CAMERA_GAIN: f64 = 1.1;
+/// Matches around wrong projections draw towards them: so many looks lead to the right camera.
+const OTHER_CAMERA_LOOKS: usize = 8;
+/// Spread of ln f around a solved focal length while looking with it.
+const SOLVED_FOCAL_SIGMA_LN: f64 = 0.1;
 
 /// What a scene with landmarks brings to each frame.
 #[derive(Debug)]
@@ -26,11 +35,39 @@ pub(super) struct Again {
 /// An answer of the second look.
 type Answer = (PoseOutcome, FoundAgain);
 
+/// Where a look starts.
+#[derive(Debug, Clone, Copy)]
+struct From {
+    camera: Camera,
+    cam_from_world: CamFromWorld,
+    focal: Focal,
+}
+
 /// The best answer so far with what it started from, and whether no other look came after it.
 #[derive(Debug, Default)]
 struct Best {
-    answer: Option<(Answer, (Camera, CamFromWorld))>,
+    answer: Option<(Answer, From)>,
     is_last: bool,
+}
+
+impl Best {
+    /// Takes over the answer of the last look if more was found.
+    fn offer(&mut self, answer: Option<Answer>, from: &From) {
+        let least = self.answer.map_or(0, |((_, found), _)| weight(&found));
+        let better = answer.filter(|(_, found)| weight(found) > least);
+        self.is_last = better.is_some();
+        if let Some(better) = better {
+            self.answer = Some((better, *from));
+        }
+    }
+}
+
+/// A frame, and how it is looked at.
+#[derive(Debug, Clone, Copy)]
+struct Frame<'a> {
+    features: &'a FeatureSet,
+    take: LookOptions,
+    options: &'a PoseOptions,
 }
 
 impl Again {
@@ -45,34 +82,37 @@ impl Again {
     /// The best answer from the poses of the first one.
     fn best(
         &mut self,
-        features: &FeatureSet,
+        frame: &Frame<'_>,
         camera: &Camera,
         first: &PoseOutcome,
-        take: LookOptions,
-        options: &PoseOptions,
         clock: &mut dyn FnMut() -> f64,
     ) -> Result<Option<Answer>, PoseError> {
         let size = (camera.width, camera.height);
-        if !self.look.load(&self.landmarks, features, size) {
+        if !self.look.load(&self.landmarks, frame.features, size) {
             return Ok(None);
         }
         let mut best = Best::default();
-        self.look_from(first, features, take, options, &mut best, clock)?;
-        if take.points && !best.answer.is_some_and(|(a, _)| is_convincing(&a)) {
+        let mut is_mirrored = first.degeneracy == Some(Degeneracy::Mirrored);
+        self.look_from(first, frame, &mut best, clock)?;
+        if frame.take.points && !best.answer.is_some_and(|(a, _)| is_convincing(&a)) {
             let recalled = self.look.recall(
                 &self.landmarks,
-                features,
+                frame.features,
                 camera,
-                options,
+                frame.options,
                 &mut self.scratch,
                 clock,
             )?;
-            self.look_from(&recalled, features, take, options, &mut best, clock)?;
+            is_mirrored |= recalled.degeneracy == Some(Degeneracy::Mirrored);
+            self.look_from(&recalled, frame, &mut best, clock)?;
         }
+        // The search saw more in a mirrored world: what is symmetric is found again all the same, and only a clear view counts.
+        if is_mirrored && !best.answer.is_some_and(|((_, found), _)| is_clear(&found)) {
+            return Ok(None);
+        }
+        self.look_with_other_cameras(frame, &mut best, clock)?;
         match best.answer {
-            Some((_, start)) if !best.is_last => {
-                self.look_once(&start, features, take, options, clock)
-            }
+            Some((_, from)) if !best.is_last => self.look_once(&from, frame, clock),
             other => Ok(other.map(|(answer, _)| answer)),
         }
     }
@@ -80,14 +120,12 @@ impl Again {
     /// Looks from the pose of an answer and from its rival; the best of all looks so far is kept.
     fn look_from(
         &mut self,
-        from: &PoseOutcome,
-        features: &FeatureSet,
-        take: LookOptions,
-        options: &PoseOptions,
+        outcome: &PoseOutcome,
+        frame: &Frame<'_>,
         best: &mut Best,
         clock: &mut dyn FnMut() -> f64,
     ) -> Result<(), PoseError> {
-        let Some(estimate) = &from.estimate else {
+        let Some(estimate) = &outcome.estimate else {
             return Ok(());
         };
         let rival = estimate.runner_up.map(|r| r.cam_from_world);
@@ -95,36 +133,79 @@ impl Again {
             if best.answer.is_some_and(|((_, found), _)| is_clear(&found)) {
                 break;
             }
-            let start = (estimate.camera, cam_from_world);
-            let answer = self.look_once(&start, features, take, options, clock)?;
-            best.is_last = false;
-            if let Some(answer) = answer
-                && best
-                    .answer
-                    .is_none_or(|(b, _)| weight(&answer.1) > weight(&b.1))
-            {
-                best.answer = Some((answer, start));
-                best.is_last = true;
-            }
+            let from = From {
+                camera: estimate.camera,
+                cam_from_world,
+                focal: frame.options.focal,
+            };
+            let answer = self.look_once(&from, frame, clock)?;
+            best.offer(answer, &from);
+        }
+        Ok(())
+    }
+
+    /// Whether the camera fits what was found. Where it does not, looks with the one that does: a picture that was zoomed, cropped
+    /// or squeezed looks like one from elsewhere.
+    fn look_with_other_cameras(
+        &mut self,
+        frame: &Frame<'_>,
+        best: &mut Best,
+        clock: &mut dyn FnMut() -> f64,
+    ) -> Result<(), PoseError> {
+        let Some(((outcome, given), from)) = best.answer else {
+            return Ok(());
+        };
+        if !best.is_last {
+            self.look_once(&from, frame, clock)?;
+        }
+        let mut seen = outcome.estimate;
+        let mut other = Best::default();
+        for turn in 0..OTHER_CAMERA_LOOKS {
+            let Some(solved) = seen.and_then(|e| {
+                self.look
+                    .other_camera(&e.camera, &e.cam_from_world, turn > 0)
+            }) else {
+                break;
+            };
+            let from = From {
+                camera: solved.camera,
+                cam_from_world: solved.cam_from_world,
+                focal: Focal::Refine {
+                    sigma_ln: SOLVED_FOCAL_SIGMA_LN,
+                },
+            };
+            let answer = self.look_once(&from, frame, clock)?;
+            seen = answer.and_then(|(outcome, _)| outcome.estimate);
+            other.offer(answer, &from);
+        }
+        best.is_last = other.answer.is_none();
+        let least = OTHER_CAMERA_GAIN * f64::from(weight(&given));
+        if other
+            .answer
+            .is_some_and(|((_, found), _)| f64::from(weight(&found)) > least)
+        {
+            *best = other;
         }
         Ok(())
     }
 
     fn look_once(
         &mut self,
-        (camera, cam_from_world): &(Camera, CamFromWorld),
-        features: &FeatureSet,
-        take: LookOptions,
-        options: &PoseOptions,
+        from: &From,
+        frame: &Frame<'_>,
         clock: &mut dyn FnMut() -> f64,
     ) -> Result<Option<Answer>, PoseError> {
+        let options = PoseOptions {
+            focal: from.focal,
+            ..*frame.options
+        };
         self.look.look(
             &self.landmarks,
-            features,
-            camera,
-            cam_from_world,
-            take,
-            options,
+            frame.features,
+            &from.camera,
+            &from.cam_from_world,
+            frame.take,
+            &options,
             &mut self.scratch,
             clock,
         )
@@ -160,8 +241,12 @@ impl Relocalizer {
             points: self.options.live.max_points > 0,
             lines: self.options.live.max_lines > 0,
         };
-        let features = self.front_end.features();
-        let Some(answer) = again.best(features, camera, &first, take, options, clock)? else {
+        let frame = Frame {
+            features: self.front_end.features(),
+            take,
+            options,
+        };
+        let Some(answer) = again.best(&frame, camera, &first, clock)? else {
             let nothing = first.estimate.map(|_| FoundAgain::default());
             return Ok((first, nothing));
         };

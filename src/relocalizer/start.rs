@@ -2,7 +2,7 @@
 
 use super::error::LocateError;
 use super::options::{CameraSource, Query};
-use crate::geometry::Camera;
+use crate::geometry::{Camera, WorkingFromSensor};
 use crate::pose::{Focal, PoseEstimate};
 
 /// Focal length divided by the longer side where nothing is known: the middle of phones' video cameras.
@@ -60,26 +60,37 @@ impl Start {
         })
     }
 
-    /// The camera with the focal length as solved, and that one's relative standard deviation, `None` where it was given.
-    /// `in_working` is the camera that the solver was handed.
+    /// The camera as solved, and the relative standard deviation of its focal length, `None` where it was given. Intrinsics that
+    /// contradict what was seen were replaced; they are estimated ones then.
+    /// `in_working` is the camera that the solver was handed, in the picture that `working` leads to.
     pub(super) fn solved(
         &self,
         in_working: &Camera,
+        working: &WorkingFromSensor,
         estimate: &PoseEstimate,
     ) -> (Camera, CameraSource, Option<f64>) {
-        if self.focal == Focal::Known {
+        let (fx, fy) = estimate.camera.focal_px();
+        let (given_fx, given_fy) = in_working.focal_px();
+        let is_scaled = estimate.camera.principal_point() == in_working.principal_point()
+            && (fy * given_fx - fx * given_fy).abs() < 1e-9 * fx * given_fy;
+        let factor = fx / given_fx;
+        if self.focal == Focal::Known && is_scaled && factor == 1.0 {
             return (self.camera, self.source, None);
         }
-        let factor = estimate.camera.focal_px().0 / in_working.focal_px().0;
-        let source = match self.source {
-            CameraSource::Assumed => CameraSource::Estimated,
-            other => other,
+        let camera = if is_scaled {
+            self.camera.with_focal_scaled(factor)
+        } else {
+            Camera {
+                width: self.camera.width,
+                height: self.camera.height,
+                ..estimate.camera.resized(&working.inverse())
+            }
         };
-        let sigma_ln = estimate.sigma_focal_px / estimate.camera.focal_px().0;
-        (
-            self.camera.with_focal_scaled(factor),
-            source,
-            Some(sigma_ln),
-        )
+        let source = match (self.source, self.focal) {
+            (CameraSource::Assumed, _) | (_, Focal::Known) => CameraSource::Estimated,
+            _ if !is_scaled => CameraSource::Estimated,
+            (other, _) => other,
+        };
+        (camera, source, Some(estimate.sigma_focal_px / fx))
     }
 }

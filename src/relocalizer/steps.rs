@@ -226,7 +226,8 @@ impl Relocalizer {
         let (mut solved_camera, mut source, mut sigma_ln) = (start.camera, start.source, None);
         let outcome = match accept(&solved, &counts, found_again.as_ref()) {
             Ok(estimate) => {
-                (solved_camera, source, sigma_ln) = start.solved(&camera, &estimate);
+                (solved_camera, source, sigma_ln) =
+                    start.solved(&camera, &self.working_from_sensor, &estimate);
                 Outcome::Located(self.localization(estimate, found_again.as_ref()))
             }
             Err(reason) => {

@@ -95,7 +95,8 @@ class Rate {
 
   words(result) {
     if (!result.located) return result.limited ? `no position: ${result.limited.replaceAll("-", " ")}` : "no position";
-    const from = result.by === "localization" ? "located" : `tracked from ${Math.round(result.age.ms)} ms ago`;
+    // A video that began anew is at an earlier time than the answer that it is tracked from.
+    const from = result.by === "localization" ? "located" : result.age.ms < 0 ? "tracked" : `tracked from ${Math.round(result.age.ms)} ms ago`;
     return `${this.#times.length} a second · ${from} · ${result.trackingMs.toFixed(1)} ms`;
   }
 }

@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import { existsSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
-import { artefact, browser, haveSample, open, sampleFiles, serve } from "./page.mjs";
+import { artefact, browser, haveSample, keptOffline, open, sampleFiles, serve } from "./page.mjs";
 import { site } from "./support.mjs";
 
 const skip = !haveSample() ? "the sample scene is not there: run `cargo xtask sample`" : existsSync(join(site(), "vendor/landline/mapper/index.js")) ? false : "the package has no mapper";
@@ -24,10 +24,7 @@ test("pictures become a place, the place is located in, and it works without a n
   const server = await serve(t);
   const { page, said, context } = await open(await browser(t), `${server.url}?dwell=100000`);
   await page.waitForFunction(() => globalThis.landlinePage?.state.relocalizer);
-  await page.evaluate(async () => {
-    const { active } = await navigator.serviceWorker.ready;
-    if (active.state !== "activated") await new Promise((done) => active.addEventListener("statechange", done, { once: true }));
-  });
+  await keptOffline(page);
   await page.click("[data-source=map]");
   await page.setInputFiles("#map-pictures", pictures.map(({ path }) => path));
   await heading(page, "of your place is mapped|Your place is mapped");

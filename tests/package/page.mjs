@@ -160,6 +160,60 @@ export async function located(page, atLeast = 1) {
   await page.waitForFunction((n) => document.querySelectorAll('.thumb[data-result="located"]').length >= n, atLeast);
 }
 
+/** Hides the page, as another tab or a locked phone does, or shows it again. */
+export const hide = (page, hidden) =>
+  page.evaluate((value) => {
+    Object.defineProperty(document, "hidden", { value, configurable: true });
+    document.dispatchEvent(new Event("visibilitychange"));
+  }, hidden);
+
+/** Waits until the page is kept for use without a network. */
+export const keptOffline = (page) =>
+  page.evaluate(async () => {
+    const { active } = await navigator.serviceWorker.ready;
+    if (active.state !== "activated") await new Promise((done) => active.addEventListener("statechange", done, { once: true }));
+  });
+
+/** What axe finds against WCAG 2.2 A and AA, as sentences. */
+export async function violations(page) {
+  await page.evaluate(readFileSync(join(root, "web/node_modules/axe-core/axe.min.js"), "utf8"));
+  return page.evaluate(async () => {
+    const { violations: found } = await globalThis.axe.run(document, { runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"] });
+    return found.map(({ id, nodes }) => `${id}: ${nodes.map((node) => node.target.join(" ")).join(", ")}`);
+  });
+}
+
+/** A video as browsers record them, without a word on how long it is: the picture stands `still`, or a `pan` goes over it. */
+export async function recorded(page, { picture, size: [width, height], ms, draw }) {
+  const text = await page.evaluate(
+    async ([url, w, h, length, code]) => {
+      const canvas = document.createElement("canvas");
+      [canvas.width, canvas.height] = [w, h];
+      const context = canvas.getContext("2d");
+      const bitmap = await createImageBitmap(await (await fetch(url)).blob());
+      const paint = { still: () => context.drawImage(bitmap, 0, 0, w, h), pan: (n) => context.drawImage(bitmap, -4 * n, 0, 1.5 * w, h) }[code];
+      const recorder = new MediaRecorder(canvas.captureStream(15), { mimeType: "video/webm;codecs=vp8", videoBitsPerSecond: 8e6 });
+      const parts = [];
+      recorder.ondataavailable = ({ data }) => parts.push(data);
+      recorder.start(250);
+      let n = 0;
+      const painting = setInterval(() => paint(n++), 50);
+      // A machine that is busy brings no frames for a while: it takes as long as it takes.
+      const started = performance.now();
+      const bytesSoFar = () => parts.reduce((sum, part) => sum + part.size, 0);
+      while (performance.now() - started < length || (bytesSoFar() < 8000 && performance.now() - started < 60_000)) await new Promise((done) => setTimeout(done, 100));
+      const stopped = new Promise((done) => (recorder.onstop = done));
+      recorder.stop();
+      clearInterval(painting);
+      await stopped;
+      const bytes = new Uint8Array(await new Blob(parts).arrayBuffer());
+      return btoa(Array.from(bytes, (b) => String.fromCharCode(b)).join(""));
+    },
+    [picture, width, height, ms, draw],
+  );
+  return Buffer.from(text, "base64");
+}
+
 /** Where screenshots are kept. */
 export function artefact(name) {
   const dir = join(root, "target/test-artefacts");

@@ -1,7 +1,7 @@
 // The demo page as a visitor meets it.
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { artefact, browser, haveSample, located, open, serve } from "./page.mjs";
+import { artefact, browser, haveSample, hide, keptOffline, located, open, serve } from "./page.mjs";
 
 const skip = haveSample() ? false : "the sample scene is not there: run `cargo xtask sample`";
 
@@ -85,10 +85,7 @@ test("works again without a network", { skip, timeout: 240_000 }, async (t) => {
   const launched = await browser(t);
   const { page, context } = await open(launched, `${server.url}?dwell=0`);
   await located(page, 1);
-  await page.evaluate(async () => {
-    const { active } = await navigator.serviceWorker.ready;
-    if (active.state !== "activated") await new Promise((done) => active.addEventListener("statechange", done, { once: true }));
-  });
+  await keptOffline(page);
   await page.close();
   server.state.down = true;
   const second = await context.newPage();
@@ -122,11 +119,6 @@ test("rests while its tab is hidden", { skip, timeout: 240_000 }, async (t) => {
   const server = await serve(t);
   const { page } = await open(await browser(t), `${server.url}?dwell=0`);
   await located(page, 1);
-  const hide = (hidden) =>
-    page.evaluate((value) => {
-      Object.defineProperty(document, "hidden", { value, configurable: true });
-      document.dispatchEvent(new Event("visibilitychange"));
-    }, hidden);
   const frames = () =>
     page.evaluate(async () => {
       let count = 0;
@@ -135,11 +127,11 @@ test("rests while its tab is hidden", { skip, timeout: 240_000 }, async (t) => {
       await new Promise((done) => setTimeout(done, 3000));
       return count;
     });
-  await hide(true);
+  await hide(page, true);
   // The frame that is under way may still answer, on a slow machine after a while; a page that does not rest goes on.
   let count = await frames();
   for (let tries = 0; count > 0 && tries < 5; tries++) count = await frames();
   assert.equal(count, 0);
-  await hide(false);
+  await hide(page, false);
   assert.ok((await frames()) > 0);
 });

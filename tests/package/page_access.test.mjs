@@ -4,7 +4,7 @@ import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
 import { brotliCompressSync, constants } from "node:zlib";
-import { browser, haveSample, located, open, serve } from "./page.mjs";
+import { browser, haveSample, located, open, serve, violations } from "./page.mjs";
 import { root, site } from "./support.mjs";
 
 /** As static hosts compress on the way: the strongest setting takes seconds a file. */
@@ -13,19 +13,11 @@ const brotli = (bytes) => brotliCompressSync(bytes, { params: { [constants.BROTL
 const skip = haveSample() ? false : "the sample scene is not there: run `cargo xtask sample`";
 
 test("axe finds nothing against WCAG 2.2 A and AA", { skip, timeout: 240_000 }, async (t) => {
-  const axe = readFileSync(join(root, "web/node_modules/axe-core/axe.min.js"), "utf8");
   const server = await serve(t);
   const { page } = await open(await browser(t), server.url);
   await located(page, 2);
   await page.evaluate(() => (document.querySelector("#evaluation").hidden = false));
-  const check = async (where) => {
-    const violations = await page.evaluate(async () => {
-      const { violations } = await globalThis.axe.run(document, { runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"] });
-      return violations.map(({ id, nodes }) => `${id}: ${nodes.map((node) => node.target.join(" ")).join(", ")}`);
-    });
-    assert.deepEqual(violations, [], where);
-  };
-  await page.evaluate(axe);
+  const check = async (where) => assert.deepEqual(await violations(page), [], where);
   await check("page");
   for (const id of ["help", "privacy-details"]) {
     await page.evaluate((name) => document.getElementById(name).showModal(), id);

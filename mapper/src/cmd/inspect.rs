@@ -2,6 +2,7 @@
 
 use crate::shown::shown;
 use crate::units::accuracy;
+use crate::{files, reveals};
 use anyhow::{Context as _, Result};
 use landline::models::{LineBranchConfig, PointBranchConfig, RegressorConfig};
 use landline::scene_file::{
@@ -20,6 +21,9 @@ pub struct Args {
     /// Print the metadata as JSON instead.
     #[arg(long)]
     json: bool,
+    /// Say what the file tells a stranger about the place, and draw it: an SVG file.
+    #[arg(long, value_name = "FILE.svg")]
+    reveals: Option<PathBuf>,
 }
 
 /// Runs the command.
@@ -29,6 +33,18 @@ pub struct Args {
 pub fn run(args: Args) -> Result<()> {
     let name = args.file.display().to_string();
     let bytes = std::fs::read(&args.file).with_context(|| format!("cannot read {name}"))?;
+    if let Some(path) = &args.reveals {
+        let scene = SceneFile::from_bytes(&bytes).with_context(|| format!("{name} is refused"))?;
+        let revealed = reveals::revealed(&scene);
+        println!("{} tells whoever has it:", shown(&name));
+        for words in reveals::words(&scene, &revealed) {
+            println!("  {}", shown(&words));
+        }
+        let drawing = reveals::drawing(&revealed, scene.info.gravity);
+        files::write_bytes(path, drawing.as_bytes())
+            .with_context(|| format!("cannot write {}", path.display()))?;
+        return Ok(());
+    }
     let text =
         card(&bytes, args.tensors, args.json).with_context(|| format!("{name} is refused"))?;
     if args.json {

@@ -98,7 +98,8 @@ fn files_of_the_guides_exist() {
     let mut missing = Vec::new();
     let folders = [
         "src/",
-        "mapper/",
+        "mapper/src/",
+        "mapper/tests/",
         "testkit/",
         "tests/",
         "web/",

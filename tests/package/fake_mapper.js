@@ -28,7 +28,7 @@ export class Mapper {
     return { keyframes: this.keyframes, enough: 40, most: 300 };
   }
 
-  async addFrame(source, { name } = {}) {
+  async addFrame(source, { name, keep } = {}) {
     await wait(told().stepMs);
     const bitmap = await createImageBitmap(source);
     const canvas = new OffscreenCanvas(16, 12);
@@ -38,7 +38,7 @@ export class Mapper {
     const { data } = context.getImageData(0, 0, 16, 12);
     if (data.reduce((sum, value, i) => sum + (i % 4 < 3 ? value : 0), 0) / (16 * 12 * 3) < 12) return { kept: false, reason: "too-dark", advice: "more-light" };
     if (told().full <= this.keyframes) return { kept: false, reason: "full" };
-    if (this.#seen++ % told().everyNth !== 0) return { kept: false, reason: "too-similar", advice: "move-sideways" };
+    if (!keep && this.#seen++ % told().everyNth !== 0) return { kept: false, reason: "too-similar", advice: "move-sideways" };
     this.names.push(name);
     this.keyframes += 1;
     return { kept: true, keyframe: this.keyframes - 1, keyframes: this.keyframes, ...(this.keyframes > 40 ? { advice: "enough" } : {}) };

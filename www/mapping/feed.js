@@ -10,7 +10,7 @@ export async function feed(flow, tell, signal) {
   for (const [i, { blob, timestamp, name }] of film.pictures.entries()) {
     signal?.throwIfAborted();
     tell({ status: "again", done: i + 1, total: film.pictures.length });
-    const verdict = await mapper.addFrame(blob, { timestamp, name });
+    const verdict = await mapper.addFrame(blob, { timestamp, name, keep: true });
     keyframes.push(verdict.kept ? verdict.keyframe : undefined);
   }
   film.renumber(keyframes);

@@ -3,20 +3,17 @@
 //! Tracks are joined once from the verified matches. After each round every track is looked at anew under the poses as they
 //! are now, so that nothing that was believed too early stays.
 
+use super::adjust::Effort;
+use super::refine::GivenPoses;
 use super::{CameraGroup, MotionParams, Picture, VerifiedPair};
-use crate::geometry::{CamFromWorld, Camera, CameraModel};
+use crate::geometry::{CamFromWorld, Camera};
 use crate::math::Rng;
 use crate::math::parallel;
+use crate::math::stats::median_in_place;
 use crate::pose::{self, Focal, PointCorrespondence, PoseOptions, PoseScratch, WorldNoise};
-use crate::reconstruction::bundle::{
-    self, BundleCamera, BundleObservation, BundleOptions, BundleProblem, Intrinsics,
-    IntrinsicsPrior, Loss,
-};
 use crate::reconstruction::points::{Nodes, best_point, join};
-use crate::reconstruction::{
-    Bundle, Observation, PointParams, PosedView, TwoView, planar_from_pixel,
-};
-use nalgebra::{Vector2, Vector3};
+use crate::reconstruction::{Bundle, Observation, PointParams, PosedView, TwoView};
+use nalgebra::Vector3;
 
 pub(super) const NO_TRACK: u32 = u32::MAX;
 
@@ -30,6 +27,8 @@ pub(super) struct Ground<'a> {
     pub(super) tracks: Vec<Vec<Observation>>,
     /// Track of each keypoint of each picture.
     pub(super) track_of: Vec<Vec<u32>>,
+    /// Poses that hold the world in place, where there are some.
+    pub(super) given: Option<GivenPoses>,
 }
 
 /// A point with the observations that agree with it.
@@ -97,6 +96,7 @@ impl<'a> Ground<'a> {
             params,
             tracks,
             track_of,
+            given: None,
         }
     }
 
@@ -108,14 +108,7 @@ impl<'a> Ground<'a> {
         b: usize,
         geometry: &TwoView,
     ) -> Option<Attempt> {
-        let n = self.pictures.len();
-        let mut attempt = Attempt {
-            cameras: cameras.to_vec(),
-            poses: vec![None; n],
-            points: vec![None; self.tracks.len()],
-            tried: vec![0; n],
-            lost: vec![0; n],
-        };
+        let mut attempt = self.attempt(cameras.to_vec(), vec![None; self.pictures.len()]);
         attempt.poses[a] = Some(CamFromWorld::identity());
         attempt.poses[b] = Some(CamFromWorld::new(
             geometry.b_from_a.rotation,
@@ -127,6 +120,38 @@ impl<'a> Ground<'a> {
             self.triangulate(&mut attempt, 1.0);
             attempt
         })
+    }
+
+    fn attempt(&self, cameras: Vec<Camera>, poses: Vec<Option<CamFromWorld>>) -> Attempt {
+        let n = self.pictures.len();
+        Attempt {
+            cameras,
+            poses,
+            points: vec![None; self.tracks.len()],
+            tried: vec![0; n],
+            lost: vec![0; n],
+        }
+    }
+
+    /// A reconstruction that begins with poses, without points.
+    pub(super) fn posed_attempt(&self, poses: &[Option<CamFromWorld>]) -> Attempt {
+        let cameras = self.groups.iter().map(|g| g.camera).collect();
+        self.attempt(cameras, poses.to_vec())
+    }
+
+    /// Median depth of the points in the pictures that see them.
+    pub(super) fn median_depth(&self, attempt: &Attempt) -> Option<f64> {
+        let mut depths: Vec<f64> = attempt
+            .points
+            .iter()
+            .flatten()
+            .flat_map(|p| p.observations.iter().map(move |o| (p, o.view)))
+            .filter_map(|(p, v)| {
+                let pose = attempt.poses[v as usize].as_ref()?;
+                Some(pose.transform_point(&p.position).z)
+            })
+            .collect();
+        median_in_place(&mut depths)
     }
 
     /// Registered pictures with their rays, and the position of each picture among them.
@@ -321,154 +346,6 @@ impl<'a> Ground<'a> {
         num
     }
 
-    /// A pixel as the adjustment wants it: relative to the principal point, without distortion other than one radial term.
-    fn place_px(camera: &Camera, pixel: crate::geometry::Pixel) -> Option<Vector2<f64>> {
-        match camera.model {
-            CameraModel::SimplePinhole { cx, cy, .. }
-            | CameraModel::SimpleRadial { cx, cy, .. } => {
-                Some(Vector2::new(pixel.x - cx, pixel.y - cy))
-            }
-            _ => {
-                let (fx, fy) = camera.focal_px();
-                let planar = planar_from_pixel(camera, pixel);
-                (!planar.x.is_nan()).then(|| planar * (0.5 * (fx + fy)))
-            }
-        }
-    }
-
-    fn intrinsics(&self, attempt: &Attempt, group: usize, refines_radial: bool) -> Intrinsics {
-        let camera = &attempt.cameras[group];
-        let (fx, fy) = camera.focal_px();
-        let focal_px = 0.5 * (fx + fy);
-        let k = match camera.model {
-            CameraModel::SimpleRadial { k, .. } => k,
-            _ => 0.0,
-        };
-        let moves = self.groups[group].refines;
-        let prior = if moves {
-            IntrinsicsPrior {
-                focal_px: self.groups[group].prior_focal_px(),
-                sigma_ln: self.groups[group].sigma_ln,
-                sigma_k: if refines_radial { 0.1 } else { 1e-6 },
-            }
-        } else {
-            // Held by a prior that nothing moves, so that other groups may be refined beside it.
-            IntrinsicsPrior {
-                focal_px,
-                sigma_ln: 1e-7,
-                sigma_k: 1e-7,
-            }
-        };
-        Intrinsics {
-            focal_px,
-            k: if moves { k } else { 0.0 },
-            prior: Some(prior),
-        }
-    }
-
-    /// Bundle adjustment of everything registered on the tracks that cover the pictures best.
-    pub(super) fn adjust(&self, attempt: &mut Attempt, effort: &Effort) {
-        let registered: Vec<usize> = (0..attempt.poses.len())
-            .filter(|i| attempt.poses[*i].is_some())
-            .collect();
-        let num_registered = registered.len();
-        let mut problem = BundleProblem::default();
-        let mut camera_of = vec![NO_TRACK; attempt.poses.len()];
-        for i in &registered {
-            let Some(cam_from_world) = attempt.poses[*i] else {
-                continue;
-            };
-            camera_of[*i] = problem.cameras.len() as u32;
-            problem.cameras.push(BundleCamera {
-                cam_from_world,
-                intrinsics: self.pictures[*i].camera,
-                is_fixed: false,
-            });
-        }
-        let refines = self.groups.iter().any(|g| g.refines);
-        let options = BundleOptions {
-            loss: Loss::Cauchy(effort.loss_px),
-            refines_focal: refines && num_registered >= self.params.refine_focal_from,
-            refines_radial: refines && num_registered >= self.params.refine_radial_from,
-            max_iterations: effort.iterations,
-            tolerance: effort.tolerance,
-        };
-        problem.intrinsics = (0..self.groups.len())
-            .map(|g| self.intrinsics(attempt, g, options.refines_radial))
-            .collect();
-        let chosen = self.cover(attempt, effort.points_per_picture);
-        for (p, t) in chosen.iter().enumerate() {
-            let Some(point) = &attempt.points[*t] else {
-                continue;
-            };
-            problem.points.push(point.position);
-            for o in &point.observations {
-                let picture = &self.pictures[o.view as usize];
-                let pixel = picture.features.keypoints[o.feature as usize].pixel;
-                if let Some(place_px) = Self::place_px(&attempt.cameras[picture.camera], pixel) {
-                    problem.observations.push(BundleObservation {
-                        camera: camera_of[o.view as usize],
-                        point: p as u32,
-                        place_px,
-                    });
-                }
-            }
-        }
-        if problem.points.is_empty() || bundle::adjust(&mut problem, &options).is_err() {
-            return;
-        }
-        for (i, camera) in registered.iter().zip(&problem.cameras) {
-            attempt.poses[*i] = Some(camera.cam_from_world);
-        }
-        for (t, position) in chosen.iter().zip(&problem.points) {
-            if let Some(point) = &mut attempt.points[*t] {
-                point.position = *position;
-            }
-        }
-        for (g, intrinsics) in problem.intrinsics.iter().enumerate() {
-            if self.groups[g].refines {
-                let camera = &mut attempt.cameras[g];
-                let c = camera.principal_point();
-                camera.model = CameraModel::SimpleRadial {
-                    f: intrinsics.focal_px,
-                    cx: c.x,
-                    cy: c.y,
-                    k: intrinsics.k,
-                };
-            }
-        }
-    }
-
-    /// Tracks with points, longest first, until every picture has its share.
-    fn cover(&self, attempt: &Attempt, per_picture: usize) -> Vec<usize> {
-        let mut with_points: Vec<(usize, usize)> = attempt
-            .points
-            .iter()
-            .enumerate()
-            .filter_map(|(t, p)| Some((p.as_ref()?.observations.len(), t)))
-            .collect();
-        with_points.sort_unstable_by_key(|(len, t)| (core::cmp::Reverse(*len), *t));
-        let mut have = vec![0usize; attempt.poses.len()];
-        let mut chosen = Vec::new();
-        for (_, t) in with_points {
-            let Some(point) = &attempt.points[t] else {
-                continue;
-            };
-            if point
-                .observations
-                .iter()
-                .any(|o| have[o.view as usize] < per_picture)
-            {
-                for o in &point.observations {
-                    have[o.view as usize] += 1;
-                }
-                chosen.push(t);
-            }
-        }
-        chosen.sort_unstable();
-        chosen
-    }
-
     /// Takes poses from pictures that the points of the others contradict. How many it were.
     ///
     /// Only points count that two other pictures see: what a stray made up with one neighbour does not speak for it.
@@ -489,7 +366,7 @@ impl<'a> Ground<'a> {
             Some((fits, seen, fits as f64 / (seen as f64).max(1.0)))
         });
         let mut all: Vec<f64> = shares.iter().flatten().map(|s| s.2).collect();
-        let least = STRAY_SHARE * crate::math::stats::median_in_place(&mut all).unwrap_or(0.0);
+        let least = STRAY_SHARE * median_in_place(&mut all).unwrap_or(0.0);
         let mut num = 0;
         for (i, share) in shares.into_iter().enumerate() {
             let Some((fits, seen, share)) = share else {
@@ -509,47 +386,6 @@ impl<'a> Ground<'a> {
 const STRAY_SHARE: f64 = 0.65;
 /// A picture that lost its pose so often is not tried again.
 const MAX_LOST: u8 = 3;
-
-/// How thoroughly to adjust.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Effort {
-    pub(super) points_per_picture: usize,
-    pub(super) iterations: usize,
-    pub(super) tolerance: f64,
-    pub(super) loss_px: f64,
-}
-
-impl Effort {
-    /// While it grows.
-    pub(super) fn quick() -> Self {
-        Self {
-            points_per_picture: 120,
-            iterations: 12,
-            tolerance: 1e-3,
-            loss_px: 2.0,
-        }
-    }
-
-    /// Where far ends of a walk that came apart are drawn together.
-    pub(super) fn wide(factor: f64) -> Self {
-        Self {
-            points_per_picture: 200,
-            iterations: 15,
-            tolerance: 1e-3,
-            loss_px: 2.0 * factor,
-        }
-    }
-
-    /// In the end.
-    pub(super) fn thorough() -> Self {
-        Self {
-            points_per_picture: 600,
-            iterations: 25,
-            tolerance: 1e-5,
-            loss_px: 1.5,
-        }
-    }
-}
 
 impl Attempt {
     pub(super) fn num_registered(&self) -> usize {

@@ -15,10 +15,12 @@
 //!
 //! Sources: Schönberger and Frahm, Structure-from-Motion Revisited (2016), for what incremental mapping needs.
 
+mod adjust;
 mod candidates;
 mod contradict;
 mod grow;
 mod loops;
+mod refine;
 mod start;
 #[cfg(test)]
 mod tests;
@@ -26,6 +28,7 @@ mod verify;
 
 pub use candidates::{CandidateParams, candidate_pairs};
 pub use loops::LoopParams;
+pub use refine::{Agreement, RefineParams, Refined, Refinement};
 pub use verify::{PairMatches, VerifiedPair};
 
 use super::{Observation, Observer, PointTrack, TwoViewKind, TwoViewParams, Watch};
@@ -269,9 +272,24 @@ pub async fn match_pictures(
     check(pictures, groups)?;
     let features: Vec<&FeatureSet> = pictures.iter().map(|p| p.features).collect();
     let candidates = candidate_pairs(&features, &params.candidates);
+    match_candidates(pictures, groups, &candidates, params, observer).await
+}
+
+/// Matches of pairs that the caller chose, first below second.
+///
+/// # Errors
+/// As [`match_pictures`].
+pub async fn match_candidates(
+    pictures: &[Picture<'_>],
+    groups: &[CameraGroup],
+    candidates: &[(usize, usize)],
+    params: &MotionParams,
+    observer: &mut dyn Observer,
+) -> Result<Vec<PairMatches>, MotionError> {
+    check(pictures, groups)?;
     let mut watch = Watch::new(observer);
     let least = params.two_view.min_inliers;
-    verify::match_candidates(pictures, &candidates, params.min_cosine, least, &mut watch)
+    verify::match_candidates(pictures, candidates, params.min_cosine, least, &mut watch)
         .await
         .ok_or(MotionError::Stopped)
 }

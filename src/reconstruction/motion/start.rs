@@ -1,7 +1,8 @@
 //! Where a reconstruction starts, and how it goes on from there.
 
+use super::adjust::Effort;
 use super::contradict::drop_contradicted;
-use super::grow::{Attempt, Effort, Ground};
+use super::grow::{Attempt, Ground};
 use super::{CameraGroup, MotionParams, PairMatches, Picture, VerifiedPair, verify};
 use crate::geometry::{Camera, CameraModel};
 use crate::reconstruction::{Stage, TwoViewKind, Watch, vote_focal};

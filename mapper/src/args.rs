@@ -2,6 +2,7 @@
 
 use crate::dataset::{DataArgs, expressed};
 use crate::posing::PosingRequest;
+use crate::refining::{RefinePoses, RefiningRequest};
 use crate::scene::ExtractorArgs;
 use crate::teach::SceneRequest;
 use crate::timestamp::now;
@@ -161,6 +162,29 @@ impl PosingArgs {
             is_unordered: self.unordered,
             frames_per_second: self.frames_per_second,
         })
+    }
+}
+
+/// How poses that came with the pictures are refined.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct RefiningArgs {
+    /// When poses that came with the pictures are adjusted to what the pictures show; `auto` keeps the outcome only where it
+    /// is better.
+    #[arg(long, value_enum, default_value_t = RefinePoses::Off, value_name = "WHEN")]
+    pub refine_poses: RefinePoses,
+    /// Refine focal length and one radial term with the poses.
+    #[arg(long)]
+    pub refine_camera: bool,
+}
+
+impl RefiningArgs {
+    /// What is asked.
+    pub fn request(&self, is_unordered: bool) -> RefiningRequest {
+        RefiningRequest {
+            when: self.refine_poses,
+            camera: self.refine_camera,
+            is_unordered,
+        }
     }
 }
 

@@ -18,6 +18,7 @@ pub mod picture;
 mod plot;
 pub mod posing;
 pub mod progress;
+pub mod refining;
 pub mod reveals;
 pub mod run_lock;
 pub mod scene;

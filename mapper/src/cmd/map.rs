@@ -1,11 +1,12 @@
 //! `landline map`: from pictures, with poses or without, to a scene file in one go.
 
-use crate::args::{PosingArgs, SceneArgs, TeachingArgs};
+use crate::args::{PosingArgs, RefiningArgs, SceneArgs, TeachingArgs};
 use crate::dataset::{has_poses, open};
 use crate::extract::Extraction;
 use crate::files;
 use crate::posing::{is_video, pose_pictures};
 use crate::progress::Progress;
+use crate::refining::refine;
 use crate::run_lock::RunLock;
 use crate::teach::{Request, teach};
 use crate::terminal::Terminal;
@@ -38,6 +39,8 @@ pub struct Args {
     scene: SceneArgs,
     #[command(flatten)]
     posing: PosingArgs,
+    #[command(flatten)]
+    refining: RefiningArgs,
     /// When networks are trained; options of training ask for it too.
     #[cfg(feature = "train")]
     #[arg(long, value_enum, default_value_t = When::Auto, value_name = "WHEN")]
@@ -68,7 +71,8 @@ pub fn run(mut args: Args) -> Result<()> {
     let cache = args.teaching.features.as_deref().unwrap_or(&own_cache);
     let extraction = Extraction::new(extractor, options, Some(cache));
     let data = &mut args.teaching.data;
-    if is_video(&data.data) || !has_poses(data) {
+    let has_own_poses = !is_video(&data.data) && has_poses(data);
+    if !has_own_poses {
         std::fs::create_dir_all(&folder).with_context(|| format!("{}", folder.display()))?;
         let model = folder.join("poses");
         if model.exists() {
@@ -86,8 +90,24 @@ pub fn run(mut args: Args) -> Result<()> {
         data.data = model;
         data.camera = None;
     }
-    let dataset = open(&args.teaching.data)?;
+    let mut dataset = open(&args.teaching.data)?;
     print!("{}", dataset.table());
+    if has_own_poses {
+        let refining = args.refining.request(args.posing.unordered);
+        let model_points = args.teaching.has_model_points();
+        let progress = Progress::Terminal;
+        let did = refine(
+            &mut dataset,
+            &extraction,
+            refining,
+            &scene,
+            model_points,
+            progress,
+        )?;
+        if let Some(line) = did {
+            println!("poses: {line}");
+        }
+    }
     let precision = scene.precision;
     let request = Request {
         dataset: &dataset,

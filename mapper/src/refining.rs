@@ -1,0 +1,264 @@
+//! Better poses for a data set that has some: adjustment with the given poses as priors, kept only where everything that can be
+//! measured says that it is better.
+
+use crate::dataset::{Dataset, DatasetImage, Split};
+use crate::extract::{ExtractError, Extraction};
+use crate::progress::{Progress, StageBars};
+use crate::teach::{Measured, SceneRequest, TeachError, labels, measure_landmarks};
+use crate::units::Ruler;
+use landline::geometry::{CamFromWorld, CameraModel};
+use landline::mapping::TrackStats;
+use landline::reconstruction::motion::{
+    CameraGroup, MotionError, MotionParams, Picture, RefineParams, Refined, Refinement,
+    candidate_pairs, match_candidates,
+};
+use pollster::block_on;
+
+/// When given poses are refined.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum RefinePoses {
+    /// Where pictures and poses disagree, and only if tracks, labels and pictures kept back say that it helps.
+    Auto,
+    /// In any case.
+    On,
+    /// In none.
+    Off,
+}
+
+/// What is asked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RefiningRequest {
+    /// When poses are refined.
+    pub when: RefinePoses,
+    /// Whether focal length and one radial term are refined with them.
+    pub camera: bool,
+    /// The pictures are not in the order in which they were taken.
+    pub is_unordered: bool,
+}
+
+/// Why poses could not be refined.
+#[derive(Debug, thiserror::Error)]
+pub enum RefiningError {
+    /// A picture or the cache cannot be read.
+    #[error(transparent)]
+    Extract(#[from] ExtractError),
+    /// The pictures say nothing about the poses.
+    #[error("poses cannot be refined: {0}; --refine-poses off takes them as they are")]
+    Motion(#[from] MotionError),
+    /// Nothing can be taught from the poses, refined or not.
+    #[error(transparent)]
+    Teach(#[from] TeachError),
+    /// The data set has a model that would no longer fit.
+    #[error(
+        "--refine-poses on moves the cameras, and the {0} that came with the poses would stay: leave them away, or use off"
+    )]
+    HasModel(&'static str),
+    /// The camera has a model that is not refined.
+    #[error("--refine-camera refines SIMPLE_PINHOLE and SIMPLE_RADIAL, the pictures have {0}")]
+    Camera(&'static str),
+}
+
+/// Up to so many pictures the adjustment is dense, and quick.
+const MOST_PICTURES: usize = 500;
+/// Pairs that are looked at to see whether poses and pictures disagree.
+const SAMPLE_PAIRS: usize = 200;
+/// Median distance of verified matches from their epipolar lines, in pixels of a picture 640 wide, up to which poses are as good
+/// as keypoints are.
+const GOOD_PX: f64 = 1.1;
+
+/// Refines the poses of the training pictures where that is asked for and helps. What it did, in one line.
+///
+/// # Errors
+/// [`RefiningError`]; with [`RefinePoses::Auto`] only what teaching would say too.
+pub fn refine(
+    dataset: &mut Dataset,
+    extraction: &Extraction,
+    request: RefiningRequest,
+    scene: &SceneRequest,
+    model_points: bool,
+    progress: Progress,
+) -> Result<Option<String>, RefiningError> {
+    let is_auto = request.when == RefinePoses::Auto;
+    if request.when == RefinePoses::Off {
+        return Ok(None);
+    }
+    let model = match () {
+        () if model_points => Some("points"),
+        () if !dataset.lines.is_empty() => Some("lines"),
+        () => None,
+    };
+    let positions: Vec<usize> = dataset
+        .of_split(Split::Train)
+        .into_iter()
+        .filter(|i| dataset.images[*i].cam_from_world.is_some())
+        .collect();
+    match model {
+        Some(what) if !is_auto => return Err(RefiningError::HasModel(what)),
+        Some(what) => return Ok(Some(format!("left as they are, for {what} came with them"))),
+        None => {}
+    }
+    if is_auto && positions.len() > MOST_PICTURES {
+        return Ok(Some(format!(
+            "left as they are: {} pictures, adjusted by default up to {MOST_PICTURES} (--refine-poses on does it)",
+            positions.len()
+        )));
+    }
+    let chosen: Vec<&DatasetImage> = positions.iter().map(|i| &dataset.images[*i]).collect();
+    let (groups, group_of) = groups(&chosen, request.camera)?;
+    let given: Vec<Option<CamFromWorld>> = chosen.iter().map(|i| i.cam_from_world).collect();
+    let features = extraction.all(&chosen, progress)?;
+    let pictures: Vec<Picture<'_>> = features
+        .iter()
+        .zip(&group_of)
+        .map(|(features, camera)| Picture {
+            features,
+            camera: *camera,
+        })
+        .collect();
+    let mut params = MotionParams::default();
+    params.candidates.is_video = !request.is_unordered;
+    let views: Vec<_> = features.iter().collect();
+    let pairs = candidate_pairs(&views, &params.candidates);
+    let mut bars = StageBars::new(progress);
+    let mut look = |pairs: &[(usize, usize)]| {
+        block_on(async {
+            let matches = match_candidates(&pictures, &groups, pairs, &params, &mut bars).await?;
+            Refinement::new(&pictures, &groups, &given, &matches, &params, &mut bars).await
+        })
+    };
+    if is_auto {
+        let step = pairs.len().div_ceil(SAMPLE_PAIRS).max(1);
+        let sample: Vec<(usize, usize)> = pairs.iter().copied().step_by(step).collect();
+        let side = groups.iter().map(|g| g.camera.width.max(g.camera.height));
+        let unit = f64::from(side.max().unwrap_or(640)) / 640.0;
+        let off = look(&sample).ok().and_then(|r| r.epipolar_px());
+        match off {
+            None => {
+                return Ok(Some(
+                    "left as they are: too few matches to judge them".to_owned(),
+                ));
+            }
+            Some(px) if px <= GOOD_PX * unit => {
+                return Ok(Some(format!(
+                    "left as they are: matches lie {px:.2} px from where they put them"
+                )));
+            }
+            Some(_) => {}
+        }
+    }
+    let refinement = look(&pairs)?;
+    let refined = block_on(refinement.adjust(&RefineParams::default(), &mut bars))?;
+    drop(bars);
+    let what = told(&refined, Ruler::of(dataset.units));
+    if is_auto && !refined.is_better() {
+        return Ok(Some(format!(
+            "left as they are: adjusting gained nothing ({what})"
+        )));
+    }
+    let mut changed = dataset.clone();
+    for (k, i) in positions.iter().enumerate() {
+        changed.images[*i].cam_from_world = refined.cam_from_world[k];
+        changed.images[*i].camera = refined.cameras[group_of[k]];
+    }
+    if is_auto {
+        let before = judged(dataset, extraction, scene)?;
+        let after = judged(&changed, extraction, scene)?;
+        let compared = format!(
+            "{what}; {} -> {}",
+            before.told(dataset),
+            after.told(dataset)
+        );
+        if !after.is_better_than(&before) {
+            return Ok(Some(format!("left as they are: {compared}")));
+        }
+        *dataset = changed;
+        return Ok(Some(format!("refined: {compared}")));
+    }
+    *dataset = changed;
+    Ok(Some(format!("refined: {what}")))
+}
+
+/// One group for each camera of the pictures, and the group of each picture.
+fn groups(
+    images: &[&DatasetImage],
+    refines: bool,
+) -> Result<(Vec<CameraGroup>, Vec<usize>), RefiningError> {
+    let mut groups: Vec<CameraGroup> = Vec::new();
+    let mut of_image = Vec::new();
+    for image in images {
+        let known = groups.iter().position(|g| g.camera == image.camera);
+        if known.is_none() {
+            let mut group = CameraGroup::given(image.camera);
+            let is_simple = matches!(
+                image.camera.model,
+                CameraModel::SimplePinhole { .. } | CameraModel::SimpleRadial { .. }
+            );
+            if refines && !is_simple {
+                return Err(RefiningError::Camera(image.camera.model.name()));
+            }
+            group.refines = refines;
+            groups.push(group);
+        }
+        of_image.push(known.unwrap_or(groups.len() - 1));
+    }
+    Ok((groups, of_image))
+}
+
+fn told(refined: &Refined, ruler: Ruler) -> String {
+    format!(
+        "matches lie {:.2} -> {:.2} px from their lines, cameras moved {} and {:.2} deg (median)",
+        refined.before.epipolar_px,
+        refined.after.epipolar_px,
+        ruler.text(refined.moved),
+        refined.turned_rad.to_degrees()
+    )
+}
+
+/// What poses are worth.
+struct Judged {
+    stats: TrackStats,
+    measured: Option<Measured>,
+}
+
+fn judged(
+    dataset: &Dataset,
+    extraction: &Extraction,
+    scene: &SceneRequest,
+) -> Result<Judged, TeachError> {
+    let (made, stats) = labels(dataset, extraction, false, &mut ())?;
+    let measured = measure_landmarks(&made, scene, &mut ())?;
+    Ok(Judged { stats, measured })
+}
+
+impl Judged {
+    /// Longer tracks, more labels, and pictures kept back that are located at least as well.
+    fn is_better_than(&self, other: &Self) -> bool {
+        let located = match (&self.measured, &other.measured) {
+            (Some(own), Some(others)) => {
+                let (own, others) = (&own.held_out, &others.held_out);
+                own.num_not_located <= others.num_not_located
+                    && match (own.median_position, others.median_position) {
+                        (Some(own), Some(others)) => own <= others,
+                        (_, None) => true,
+                        (None, Some(_)) => false,
+                    }
+            }
+            // Nothing is kept back.
+            _ => true,
+        };
+        located
+            && self.stats.mean_track_length >= other.stats.mean_track_length
+            && self.stats.labelled_keypoints >= other.stats.labelled_keypoints
+    }
+
+    fn told(&self, dataset: &Dataset) -> String {
+        let held = self.measured.and_then(|m| m.held_out.median_position);
+        let held = held.map_or(String::new(), |m| {
+            format!(", kept back {}", Ruler::of(dataset.units).text(m))
+        });
+        format!(
+            "tracks {:.1} views, {:.0} labels a picture{held}",
+            self.stats.mean_track_length, self.stats.labelled_keypoints
+        )
+    }
+}

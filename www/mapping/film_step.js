@@ -21,7 +21,12 @@ function ring() {
   svg.setAttribute("aria-hidden", "true");
   const share = make({ class: "map-ring-share", transform: "rotate(-90 32 32)", "stroke-linecap": "round" });
   svg.append(make({ class: "map-ring-ground" }), share);
-  return { svg, set: (value) => share.setAttribute("stroke-dasharray", `${Math.min(1, value) * circumference} ${circumference}`) };
+  const set = (value) => {
+    // A round end shows as a dot even where there is no length.
+    share.setAttribute("visibility", value > 0 ? "visible" : "hidden");
+    share.setAttribute("stroke-dasharray", `${Math.min(1, value) * circumference} ${circumference}`);
+  };
+  return { svg, set };
 }
 
 export async function filmStep(flow, source, files) {

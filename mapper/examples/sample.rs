@@ -94,7 +94,7 @@ fn main() -> Result<()> {
         features,
         origin,
         &TrackParams::default(),
-        &Progress::Terminal,
+        Progress::Terminal,
     )?;
     labels.map.units = Units::Metres;
     labels.map.gravity = Some(GRAVITY);

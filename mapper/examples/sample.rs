@@ -10,13 +10,13 @@ use landline::features::FeatureSet;
 use landline::front_end::{FrontEnd, FrontEndOptions};
 use landline::image::{FrameView, PixelFormat};
 use landline::scene_file::{ExtractorFile, Units};
-use landline_mapper::args::{SceneArgs, TrainingArgs};
+use landline_mapper::args::SceneArgs;
 use landline_mapper::dataset::{DatasetImage, Split};
 use landline_mapper::feature_cache::FeatureCache;
 use landline_mapper::files;
 use landline_mapper::labels::{Labels, Origin, TrackParams, build};
 use landline_mapper::progress::Progress;
-use landline_mapper::teach::{When, add_landmarks, trained_scene};
+use landline_mapper::teach::{add_landmarks, measure_landmarks, scene_of_landmarks};
 use landline_mapper::terminal::Terminal;
 use landline_mapper::weights::load_extractor;
 use landline_testkit::room::{Picture, RenderOptions, Room, View, query_views, training_views};
@@ -47,8 +47,6 @@ struct Args {
     work: PathBuf,
     #[command(flatten)]
     scene: SceneArgs,
-    #[command(flatten)]
-    training: TrainingArgs,
 }
 
 const WIDTH: u32 = 640;
@@ -60,10 +58,6 @@ const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -1.0);
 fn main() -> Result<()> {
     let args = Args::parse();
     let extractor = load_extractor(&args.checkpoint)?;
-    let run_folder = args.scene.run_folder(&args.work.join("sample.landline"));
-    let training = args
-        .training
-        .training(When::Always, &args.scene, run_folder)?;
     let mut request = args.scene.request()?;
     env!("CARGO_PKG_LICENSE").clone_into(&mut request.licence);
     eprintln!("furnishing the room");
@@ -100,7 +94,8 @@ fn main() -> Result<()> {
     labels.map.gravity = Some(GRAVITY);
     print!("{stats}");
     println!("{}", make_exact(&room, &mut labels));
-    let mut scene = trained_scene(&labels, &request, &training, &mut Terminal)?;
+    let measured = measure_landmarks(&labels, &request, &mut Terminal)?;
+    let mut scene = scene_of_landmarks(&labels, &request, measured)?;
     let (max_bytes, precision) = (request.max_bytes, request.precision);
     add_landmarks(&mut scene, &labels.map, max_bytes, precision, &mut Terminal)?;
     let bytes = scene.to_bytes(precision)?;

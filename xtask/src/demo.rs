@@ -22,7 +22,7 @@ pub(crate) struct Args {
     port: u16,
 }
 
-/// Renders the sample room, trains its scene, and writes the demo's sample files anew.
+/// Renders the sample room, teaches its scene, and writes the demo's sample files anew.
 #[derive(Debug, clap::Args)]
 pub(crate) struct SampleArgs {
     /// Passed on to the example `sample` of the mapper.
@@ -107,6 +107,7 @@ pub(crate) fn sample(args: &SampleArgs) -> Result<()> {
             "--release",
             "--package",
             "landline-mapper",
+            "--no-default-features",
             "--example",
             "sample",
             "--",

@@ -2,6 +2,7 @@
 //! measured says that it is better.
 
 use crate::dataset::{Dataset, DatasetImage, Split};
+use crate::eval::held_range;
 use crate::extract::{ExtractError, Extraction};
 use crate::progress::{Progress, StageBars};
 use crate::teach::{Measured, SceneRequest, TeachError, labels, measure_landmarks};
@@ -119,19 +120,31 @@ pub fn refine(
     params.candidates.is_video = !request.is_unordered;
     let views: Vec<_> = features.iter().collect();
     let pairs = candidate_pairs(&views, &params.candidates);
+    let seen = Seen {
+        pictures: &pictures,
+        groups: &groups,
+        params: &params,
+    };
     let mut bars = StageBars::new(progress);
-    let mut look = |pairs: &[(usize, usize)]| {
-        block_on(async {
-            let matches = match_candidates(&pictures, &groups, pairs, &params, &mut bars).await?;
-            Refinement::new(&pictures, &groups, &given, &matches, &params, &mut bars).await
-        })
+    let with = |refined: &Refined| {
+        let mut changed = dataset.clone();
+        for (k, i) in positions.iter().enumerate() {
+            let image = &mut changed.images[*i];
+            if let Some(pose) = refined.cam_from_world[k] {
+                image.cam_from_world = Some(pose);
+            }
+            image.camera = refined.cameras[group_of[k]];
+        }
+        changed
     };
     if is_auto {
         let step = pairs.len().div_ceil(SAMPLE_PAIRS).max(1);
         let sample: Vec<(usize, usize)> = pairs.iter().copied().step_by(step).collect();
         let side = groups.iter().map(|g| g.camera.width.max(g.camera.height));
         let unit = f64::from(side.max().unwrap_or(640)) / 640.0;
-        let off = look(&sample).ok().and_then(|r| r.epipolar_px());
+        let off = matched(&seen, &sample, &given, &mut bars)
+            .ok()
+            .and_then(|r| r.epipolar_px());
         match off {
             None => {
                 return Ok(Some(
@@ -146,36 +159,63 @@ pub fn refine(
             Some(_) => {}
         }
     }
-    let refinement = look(&pairs)?;
+    let mut compared = None;
+    if is_auto {
+        // Pictures kept back judge by the poses that were given: what bends them too would agree with itself.
+        let mut taught = given.clone();
+        taught[held_range(given.len(), scene.hold_out_every)].fill(None);
+        let trial = matched(&seen, &pairs, &taught, &mut bars)?;
+        let trial = block_on(trial.adjust(&RefineParams::default(), &mut bars))?;
+        let what = told(&trial, Ruler::of(dataset.units));
+        if !trial.is_better() {
+            return Ok(Some(format!(
+                "left as they are: adjusting gained nothing ({what})"
+            )));
+        }
+        let before = judged(dataset, extraction, scene)?;
+        let after = judged(&with(&trial), extraction, scene)?;
+        let both = format!("{} -> {}", before.told(dataset), after.told(dataset));
+        if !after.is_better_than(&before) {
+            return Ok(Some(format!("left as they are: {what}; {both}")));
+        }
+        compared = Some(both);
+    }
+    let refinement = matched(&seen, &pairs, &given, &mut bars)?;
     let refined = block_on(refinement.adjust(&RefineParams::default(), &mut bars))?;
     drop(bars);
     let what = told(&refined, Ruler::of(dataset.units));
-    if is_auto && !refined.is_better() {
-        return Ok(Some(format!(
-            "left as they are: adjusting gained nothing ({what})"
-        )));
-    }
-    let mut changed = dataset.clone();
-    for (k, i) in positions.iter().enumerate() {
-        changed.images[*i].cam_from_world = refined.cam_from_world[k];
-        changed.images[*i].camera = refined.cameras[group_of[k]];
-    }
-    if is_auto {
-        let before = judged(dataset, extraction, scene)?;
-        let after = judged(&changed, extraction, scene)?;
-        let compared = format!(
-            "{what}; {} -> {}",
-            before.told(dataset),
-            after.told(dataset)
-        );
-        if !after.is_better_than(&before) {
-            return Ok(Some(format!("left as they are: {compared}")));
-        }
-        *dataset = changed;
-        return Ok(Some(format!("refined: {compared}")));
-    }
+    let changed = with(&refined);
     *dataset = changed;
-    Ok(Some(format!("refined: {what}")))
+    Ok(Some(match compared {
+        Some(both) => format!("refined: {what}; {both}"),
+        None => format!("refined: {what}"),
+    }))
+}
+
+/// The pictures that are adjusted.
+#[derive(Clone, Copy)]
+struct Seen<'a> {
+    pictures: &'a [Picture<'a>],
+    groups: &'a [CameraGroup],
+    params: &'a MotionParams,
+}
+
+/// Matches these pairs of pictures and verifies them.
+fn matched<'a>(
+    seen: &Seen<'a>,
+    pairs: &[(usize, usize)],
+    given: &'a [Option<CamFromWorld>],
+    bars: &mut StageBars,
+) -> Result<Refinement<'a>, MotionError> {
+    let Seen {
+        pictures,
+        groups,
+        params,
+    } = *seen;
+    block_on(async {
+        let matches = match_candidates(pictures, groups, pairs, params, bars).await?;
+        Refinement::new(pictures, groups, given, &matches, params, bars).await
+    })
 }
 
 /// One group for each camera of the pictures, and the group of each picture.

@@ -248,7 +248,10 @@ mod tests {
         let bytes = std::fs::read(path).expect("is there");
         let scene = SceneFile::from_bytes(&bytes).expect("right");
         let revealed = revealed(&scene);
-        assert_eq!(revealed.map.points.len(), 2048);
+        let landmarks = scene.landmarks.as_ref().expect("has some");
+        // The anchors of the networks, and what is looked at again.
+        let num_points = 2048 + landmarks.point_positions.len();
+        assert_eq!(revealed.map.points.len(), num_points);
         assert_eq!(revealed.descriptor_numbers[0], 64);
         // The rendered room is some metres long and as high as a room is.
         let [length, _, height] = revealed.extent;
@@ -259,7 +262,7 @@ mod tests {
         );
         let words = words(&scene, &revealed).join("\n");
         assert!(
-            words.contains("2048 points") && words.contains("64 numbers"),
+            words.contains(&format!("{num_points} points")) && words.contains("64 numbers"),
             "{words}"
         );
     }

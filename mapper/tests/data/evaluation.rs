@@ -108,8 +108,8 @@ fn eval_writes_a_report_that_agrees_with_its_json() {
     let read = |name: &str| std::fs::read_to_string(report.join(name)).expect("is written");
     let written: Value = serde_json::from_str(&read("report.json")).expect("JSON");
     assert_eq!(written, json);
-    // A line each for three pictures, two seeds and three methods, and the head.
-    assert_eq!(read("per_image.csv").lines().count(), 1 + 3 * 2 * 3);
+    // A line each for three pictures, two seeds and four methods (the first pose is one), and the head.
+    assert_eq!(read("per_image.csv").lines().count(), 1 + 3 * 2 * 4);
     let page = read("report.html");
     assert_eq!(page.matches("<svg").count(), 4);
     assert_eq!(page.matches("</svg>").count(), 4);

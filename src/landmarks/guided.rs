@@ -53,6 +53,8 @@ pub(super) const LEAST_SIMILARITY: f32 = 0.35;
 const POINT_BELIEF: (f64, f64) = (12.0, 0.42);
 /// Standard deviation of a keypoint in pixels: they are whole pixels.
 const SIGMA_PX: f64 = 0.7;
+/// The same of matches in wide windows, which are right less often.
+const WIDE_SIGMA_PX: f64 = 1.4;
 /// A landmark within this many pixels of its keypoint is found again.
 const FOUND_PX: f32 = 3.0;
 /// Landmarks nearer to the border than this need not be found.
@@ -154,6 +156,7 @@ pub struct SecondLook {
     check: CameraCheck,
     votes: Votes,
     points_found: Vec<PointCorrespondence>,
+    points_aside: Vec<PointCorrespondence>,
     lines_found: Vec<LineCorrespondence>,
     is_loaded: bool,
 }
@@ -284,6 +287,25 @@ impl SecondLook {
         let points = &self.points_found;
         self.check
             .solve(points, camera, cam_from_world, sigma_px, is_doubted)
+    }
+
+    /// The same from matches in the windows of the first round: those of the last one draw towards a wrong projection, and may hide
+    /// that it is wrong. The matches of the last look stay.
+    pub fn other_camera_in_wide_windows(
+        &mut self,
+        landmarks: &Landmarks,
+        features: &FeatureSet,
+        camera: &Camera,
+        cam_from_world: &CamFromWorld,
+    ) -> Option<SolvedCamera> {
+        core::mem::swap(&mut self.points_found, &mut self.points_aside);
+        let window = ROUNDS[0].window * unit(camera);
+        self.match_points(landmarks, features, camera, cam_from_world, window, true);
+        core::mem::swap(&mut self.points_found, &mut self.points_aside);
+        let sigma_px = WIDE_SIGMA_PX * unit(camera);
+        let points = &self.points_aside;
+        self.check
+            .solve(points, camera, cam_from_world, sigma_px, false)
     }
 
     /// Points of the last round of the last look.

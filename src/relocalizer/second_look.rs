@@ -4,9 +4,11 @@ use super::Relocalizer;
 use super::error::LocateError;
 use crate::features::FeatureSet;
 use crate::geometry::{CamFromWorld, Camera};
-use crate::landmarks::{FoundAgain, LandmarkTable, Landmarks, LookOptions, SecondLook};
+use crate::landmarks::{
+    FoundAgain, LandmarkTable, Landmarks, LookOptions, SecondLook, SolvedCamera,
+};
 use crate::pose::{
-    Degeneracy, Focal, PoseError, PoseOptions, PoseOutcome, PoseScratch, PoseStatus,
+    Degeneracy, Focal, PoseError, PoseEstimate, PoseOptions, PoseOutcome, PoseScratch, PoseStatus,
 };
 
 /// Fewer landmarks found again do not carry an answer.
@@ -161,10 +163,7 @@ impl Again {
         let mut seen = outcome.estimate;
         let mut other = Best::default();
         for turn in 0..OTHER_CAMERA_LOOKS {
-            let Some(solved) = seen.and_then(|e| {
-                self.look
-                    .other_camera(&e.camera, &e.cam_from_world, turn > 0)
-            }) else {
+            let Some(solved) = seen.and_then(|e| self.other_camera(&e, frame, turn > 0)) else {
                 break;
             };
             let from = From {
@@ -187,6 +186,23 @@ impl Again {
             *best = other;
         }
         Ok(())
+    }
+
+    /// A camera that fits what was found by the last look better than that of its answer.
+    fn other_camera(
+        &mut self,
+        answer: &PoseEstimate,
+        frame: &Frame<'_>,
+        is_doubted: bool,
+    ) -> Option<SolvedCamera> {
+        let (camera, pose) = (&answer.camera, &answer.cam_from_world);
+        let narrow = self.look.other_camera(camera, pose, is_doubted);
+        narrow.or_else(|| {
+            let (landmarks, features) = (&self.landmarks, frame.features);
+            let look = &mut self.look;
+            (!is_doubted && frame.take.points)
+                .then(|| look.other_camera_in_wide_windows(landmarks, features, camera, pose))?
+        })
     }
 
     fn look_once(

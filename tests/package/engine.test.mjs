@@ -111,7 +111,7 @@ test("a scene of another extractor, a later version, a damaged one", { skip, tim
     return {
       untouched: await failure(make({ scene: changed("", "") }).then((r) => r.dispose())),
       extractor: await failure(make({ scene: changed(/"extractor_sha256":"[0-9a-f]{4}/, '"extractor_sha256":"0000') })),
-      version: await failure(make({ scene: changed('"format":"1"', '"format":"9"') })),
+      version: await failure(make({ scene: changed('"format":"2"', '"format":"9"') })),
       cut: await failure(make({ scene: bytes.slice(0, bytes.length - 100) })),
       empty: await failure(make({ scene: new Uint8Array(0) })),
       kind: await failure(make({ scene: "./vendor/landline/xfeat.safetensors" })),

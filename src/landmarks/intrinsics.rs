@@ -1,8 +1,9 @@
 //! Whether the intrinsics fit what was found: pictures that were zoomed, cropped or squeezed look like pictures from elsewhere.
 //!
 //! Pose, focal length, aspect and principal point are solved together from the matched points, by Levenberg-Marquardt with a
-//! Student-t loss and weak priors around the given camera. Of the subsets of these the one counts
-//! that explains most for its size, if each of its values differs clearly and by more than its standard deviation allows. Distortion stays. No allocation after warm-up.
+//! Student-t loss and weak priors around the given camera. Of the subsets of these the one counts that explains most for its
+//! size, if each of its values differs clearly and by more than its standard deviation allows. Distortion stays. No allocation
+//! after warm-up.
 
 use crate::geometry::{CamFromWorld, Camera, Pixel, PixelMap, rotation_from_vector};
 use crate::math::elementary::{exp, ln};
@@ -110,7 +111,8 @@ struct Problem<'a> {
 
 impl CameraCheck {
     /// The camera that the matches ask for; `None` where the given one fits, or where they say too little.
-    /// `sigma_px` is the standard deviation of a pixel; `cam_from_world` nearly right; `is_doubted` where the camera comes from here already.
+    /// `sigma_px` is the standard deviation of a pixel; `cam_from_world` nearly right; `is_doubted` where the camera comes from
+    /// here already.
     pub(super) fn solve(
         &mut self,
         points: &[PointCorrespondence],
@@ -150,9 +152,10 @@ impl CameraCheck {
         };
         // One look at the equations tells in nearly all frames that nothing differs.
         let linear = problem.normal(&start);
+        let pose_alone = linear_gain(&linear, &[false; NUM_INTRINSICS]);
         if !SUBSETS
             .iter()
-            .any(|subset| linear_gain(&linear, subset) > LEAST_GAIN)
+            .any(|subset| linear_gain(&linear, subset) - pose_alone > LEAST_GAIN)
         {
             return None;
         }
@@ -196,15 +199,12 @@ fn masked(normal: &Normal<NUM_UNKNOWNS>, is_free: &[bool; NUM_INTRINSICS]) -> No
     masked
 }
 
-/// By how much less the cost would be, if the equations were linear, for what is free beside the pose.
+/// By how much the cost would drop with this free beside the pose, if the equations were linear.
 fn linear_gain(normal: &Normal<NUM_UNKNOWNS>, is_free: &[bool; NUM_INTRINSICS]) -> f64 {
-    let gain = |is_free| {
-        let normal = masked(normal, is_free);
-        normal
-            .step(1e-9)
-            .map_or(0.0, |step| -0.5 * normal.g.dot(&step))
-    };
-    gain(is_free) - gain(&[false; NUM_INTRINSICS])
+    let normal = masked(normal, is_free);
+    normal
+        .step(1e-9)
+        .map_or(0.0, |step| -0.5 * normal.g.dot(&step))
 }
 
 /// Whether all that is free differs clearly; the principal point as a whole.

@@ -159,6 +159,7 @@ impl Again {
         };
         if !best.is_last {
             self.look_once(&from, frame, clock)?;
+            best.is_last = true;
         }
         let mut seen = outcome.estimate;
         let mut other = Best::default();
@@ -174,10 +175,10 @@ impl Again {
                 },
             };
             let answer = self.look_once(&from, frame, clock)?;
+            best.is_last = false;
             seen = answer.and_then(|(outcome, _)| outcome.estimate);
             other.offer(answer, &from);
         }
-        best.is_last = other.answer.is_none();
         let least = OTHER_CAMERA_GAIN * f64::from(weight(&given));
         if other
             .answer

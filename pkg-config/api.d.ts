@@ -703,7 +703,7 @@ export declare function placementFrom(cameraFromWorld: Float64Array): Placement;
 // ---- protocol.d.ts
 
 /** Messages between the page and the worker. */
-import type { CallReply } from "./rpc.js";
+import type { CallReply, CallRequest } from "./rpc.js";
 import type { Device, Include, Intrinsics, KnownIntrinsicsSource, LiveOptions, LocateResult, RawFrame, SceneInfo, Backend } from "./types.js";
 /** Pixels, or something that the worker can draw. */
 export type WireFrame = RawFrame | ImageBitmap | VideoFrame;
@@ -772,11 +772,7 @@ export interface Calls {
     };
 }
 export type CallName = keyof Calls;
-export interface Request<N extends CallName = CallName> {
-    id: number;
-    call: N;
-    request: Calls[N]["request"];
-}
+export type Request<N extends CallName = CallName> = CallRequest<Calls, N>;
 export type Reply = CallReply;
 
 // ---- relocalizer.d.ts
@@ -839,6 +835,11 @@ export type CallTable<C> = {
         reply: unknown;
     };
 };
+export interface CallRequest<C extends CallTable<C>, N extends keyof C = keyof C> {
+    id: number;
+    call: N;
+    request: C[N]["request"];
+}
 export type CallReply = {
     id: number;
     ok: true;

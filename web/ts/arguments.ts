@@ -39,11 +39,9 @@ const live: Record<keyof LiveOptions, Check> = {
   maxLineErrorPx: number(Number.MIN_VALUE, largest, "a finite number of pixels above 0"),
 };
 
-const create: Record<keyof CreateOptions, Check> = {
-  ...live,
-  scene: anything,
+/** Of what every engine takes: where its files and its worker come from, and how they are loaded. */
+export const loading = {
   extractor: anything,
-  device: oneOf("auto", "webgpu", "cpu"),
   onProgress: kind("function"),
   signal: object,
   wasm: anything,
@@ -53,6 +51,13 @@ const create: Record<keyof CreateOptions, Check> = {
   stallTimeoutMs: number(1, 2 ** 31 - 1, "milliseconds from 1 to 2147483647"),
   integrity: object,
   fetch: kind("function"),
+} satisfies Partial<Record<keyof CreateOptions, Check>>;
+
+const create: Record<keyof CreateOptions, Check> = {
+  ...live,
+  ...loading,
+  scene: anything,
+  device: oneOf("auto", "webgpu", "cpu"),
 };
 
 const locate: Record<keyof LocateOptions, Check> = {

@@ -1,5 +1,5 @@
 /** Messages between the page and the worker. */
-import type { CallReply } from "./rpc.js";
+import type { CallReply, CallRequest } from "./rpc.js";
 import type { Device, Include, Intrinsics, KnownIntrinsicsSource, LiveOptions, LocateResult, RawFrame, SceneInfo, Backend } from "./types.js";
 
 /** Pixels, or something that the worker can draw. */
@@ -52,10 +52,6 @@ export interface Calls {
 
 export type CallName = keyof Calls;
 
-export interface Request<N extends CallName = CallName> {
-  id: number;
-  call: N;
-  request: Calls[N]["request"];
-}
+export type Request<N extends CallName = CallName> = CallRequest<Calls, N>;
 
 export type Reply = CallReply;

@@ -4,6 +4,12 @@ import { asLandlineError, LandlineError, type PlainError } from "./errors.js";
 /** Name of a call → what goes there and what comes back. */
 export type CallTable<C> = { [N in keyof C]: { request: unknown; reply: unknown } };
 
+export interface CallRequest<C extends CallTable<C>, N extends keyof C = keyof C> {
+  id: number;
+  call: N;
+  request: C[N]["request"];
+}
+
 export type CallReply = { id: number; ok: true; reply: unknown } | { id: number; ok: false; error: PlainError };
 
 export interface Channel<C extends CallTable<C>> {

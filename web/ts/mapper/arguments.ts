@@ -1,5 +1,5 @@
 /** Arguments of the mapper's calls, checked where they enter. */
-import { checkOptions, kind, number, object, oneOf, whole, anything, type Check } from "../arguments.js";
+import { checkOptions, kind, loading, number, object, whole, type Check } from "../arguments.js";
 import type { BuildOptions, FrameOptions, MapperOptions, WriteOptions } from "./types.js";
 
 const largest = Number.MAX_VALUE;
@@ -19,16 +19,7 @@ const scale: Check = (value) => {
 };
 
 const create: Record<keyof MapperOptions, Check> = {
-  extractor: anything,
-  onProgress: kind("function"),
-  signal: object,
-  wasm: anything,
-  worker: kind("boolean"),
-  workerUrl: (value) => (typeof value === "string" || value instanceof URL ? undefined : "an address"),
-  cache: oneOf("default", "none"),
-  stallTimeoutMs: number(1, 2 ** 31 - 1, "milliseconds from 1 to 2147483647"),
-  integrity: object,
-  fetch: kind("function"),
+  ...loading,
   maxSide: whole(32, 2048, "a whole number of pixels from 32 to 2048"),
   maxKeyframes: whole(3, 500, "a whole number from 3 to 500"),
 };

@@ -1,4 +1,5 @@
 /** Messages between the page and the mapper's worker. */
+import type { CallRequest } from "../rpc.js";
 import type { MemoryUse, WireFrame } from "../protocol.js";
 import type { FrameVerdict, MapStage, ScaleFrom } from "./types.js";
 
@@ -68,11 +69,7 @@ export interface Calls {
 
 export type CallName = keyof Calls;
 
-export interface Request<N extends CallName = CallName> {
-  id: number;
-  call: N;
-  request: Calls[N]["request"];
-}
+export type Request<N extends CallName = CallName> = CallRequest<Calls, N>;
 
 /** Told while `build` and `write` are under way. */
 export interface StageEvent {

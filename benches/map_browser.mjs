@@ -1,0 +1,92 @@
+// A film through `landline/mapper` in headless Chromium, one thread, CPU: what map_node.mjs measures, as a page meets it.
+//
+//   node benches/map_browser.mjs PACKAGE PICTURES [STEP] [FIRST] [END] [POSES FOCAL] > out.json
+//
+// PACKAGE is dist/npm/landline, PICTURES a folder of JPEG or PNG files, taken by their place in the sorted folder. POSES, a list
+// of `NAME QW QX QY QZ TX TY TZ` (camera from world), and FOCAL give the film's frames their poses and their camera. Memory is the peak resident size of
+// the page's process. CHROME names the browser.
+import { createReadStream, existsSync, readFileSync, statSync } from "node:fs";
+import { readdir, readFile } from "node:fs/promises";
+import { createServer } from "node:http";
+import { createRequire } from "node:module";
+import { basename, extname, join, normalize, resolve } from "node:path";
+import { fileURLToPath } from "node:url";
+import { range } from "./map_film.mjs";
+
+const root = fileURLToPath(new URL("../", import.meta.url));
+const [packageFolder, pictures, step = "7", first = "0", end = "800", posesFile, focal] = process.argv.slice(2);
+if (!pictures || (posesFile && !focal)) throw new Error("usage: node benches/map_browser.mjs PACKAGE PICTURES [STEP] [FIRST] [END] [POSES FOCAL]");
+const names = (await readdir(pictures)).filter((name) => /\.(jpe?g|png)$/i.test(name)).sort();
+const film = range(Number(first), Number(end), Number(step)).filter((i) => i < names.length);
+const test = range(Number(end), Math.min(names.length, Number(end) + 100));
+
+/** A line of the list as 16 numbers, row-major. */
+function poseOf([w, x, y, z, ...t]) {
+  const n = Math.hypot(w, x, y, z);
+  [w, x, y, z] = [w / n, x / n, y / n, z / n];
+  return [
+    [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y), t[0]],
+    [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x), t[1]],
+    [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y), t[2]],
+    [0, 0, 0, 1],
+  ].flat();
+}
+let poses;
+if (posesFile) {
+  const known = new Map((await readFile(posesFile, "utf8")).split("\n").map((line) => line.trim().split(/\s+/)).filter((parts) => parts.length >= 8).map(([name, ...rest]) => [basename(name), poseOf(rest.slice(0, 7).map(Number))]));
+  poses = Object.fromEntries(film.map((i) => [i, known.get(names[i])]));
+}
+
+const types = { ".html": "text/html", ".js": "text/javascript", ".mjs": "text/javascript", ".wasm": "application/wasm" };
+const server = createServer((request, response) => {
+  const path = decodeURIComponent(new URL(request.url, "http://localhost").pathname);
+  if (path === "/blank.html") return void response.writeHead(200, { "content-type": "text/html" }).end("<!doctype html>");
+  const [, folder, ...rest] = path.split("/");
+  const base = { package: resolve(packageFolder), pictures: resolve(pictures), benches: join(root, "benches") }[folder];
+  const file = base && join(base, normalize(rest.join("/")));
+  if (!file || !file.startsWith(base) || !existsSync(file) || !statSync(file).isFile()) return void response.writeHead(404).end();
+  response.writeHead(200, { "content-type": types[extname(file)] ?? "application/octet-stream" });
+  createReadStream(file).pipe(response);
+});
+await new Promise((done) => server.listen(0, "127.0.0.1", done));
+
+const { chromium } = createRequire(join(root, "web/package.json"))("playwright-core");
+const browser = await chromium.launch({ executablePath: process.env.CHROME ?? "/usr/bin/chromium", headless: true, args: ["--no-sandbox"] });
+const page = await browser.newPage();
+page.setDefaultTimeout(3_600_000);
+page.on("console", (message) => console.error(message.text()));
+page.on("pageerror", (error) => console.error(error));
+await page.goto(`http://localhost:${server.address().port}/blank.html`);
+
+/** The largest peak of the browser's page processes in MB, as Linux counts it; undefined elsewhere. */
+async function peak() {
+  if (process.platform !== "linux") return undefined;
+  const all = [];
+  for (const id of await readdir("/proc")) {
+    if (!/^\d+$/.test(id)) continue;
+    try {
+      if (!readFileSync(`/proc/${id}/cmdline`, "utf8").includes("--type=renderer")) continue;
+      all.push(Number(/VmHWM:\s+(\d+)/.exec(readFileSync(`/proc/${id}/status`, "utf8"))[1]) / 1024);
+    } catch {
+      // The process ended while it was read.
+    }
+  }
+  return Math.round(Math.max(...all));
+}
+
+console.error(`Chromium ${browser.version()}, ${film.length} frames of film, ${test.length} to be located`);
+const result = await page.evaluate(
+  async ({ names, film, test, poses, focal }) => {
+    const { Mapper } = await import("/package/mapper/index.js");
+    const { Relocalizer } = await import("/package/index.js");
+    const { mapFilm } = await import("/benches/map_film.mjs");
+    const frame = async (i) => createImageBitmap(await (await fetch(`/pictures/${names[i]}`)).blob(), { colorSpaceConversion: "none" });
+    return mapFilm({ Mapper, Relocalizer, frame, film, test, poses, focal, say: (text) => console.log(text) });
+  },
+  { names, film, test, poses, focal: Number(focal) },
+);
+console.error(`the page's process: at most ${await peak()} MB`);
+const named = (rows) => rows.map(({ name, pose }) => ({ name: names[Number(name)], pose }));
+console.log(JSON.stringify({ placed: named(result.placed), found: named(result.found) }));
+await browser.close();
+server.close();

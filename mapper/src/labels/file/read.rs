@@ -23,6 +23,14 @@ impl Labels {
             path: path.to_owned(),
             source,
         })?;
+        Self::from_bytes(&bytes, path)
+    }
+
+    /// [`Self::read`] of bytes that are there already; errors say that they are of `path`.
+    ///
+    /// # Errors
+    /// When they are damaged, or of another format.
+    pub fn from_bytes(bytes: &[u8], path: &Path) -> Result<Self, LabelFileError> {
         let container = |source| LabelFileError::Container {
             path: path.to_owned(),
             source,
@@ -31,7 +39,7 @@ impl Labels {
             path: path.to_owned(),
             what,
         };
-        let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(container)?;
+        let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(container)?;
         let entries = metadata.metadata().clone().unwrap_or_default();
         let version = entries
             .get("format")
@@ -56,7 +64,7 @@ impl Labels {
         };
         let origin = origin(&header).map_err(value)?;
         let (units, gravity) = world(&header).map_err(value)?;
-        let file = SafeTensors::deserialize(&bytes).map_err(container)?;
+        let file = SafeTensors::deserialize(bytes).map_err(container)?;
         let labels = Columns { file: &file }.labels(header);
         labels
             .map(|mut labels| {

@@ -2,7 +2,8 @@
 //
 //   node benches/map_browser.mjs PACKAGE PICTURES [STEP] [FIRST] [END] [POSES FOCAL] > out.json
 //
-// PACKAGE is dist/npm/landline, PICTURES a folder of JPEG or PNG files, taken by their place in the sorted folder. POSES, a list
+// PACKAGE is dist/npm/landline, PICTURES a folder of JPEG or PNG files, with folders in it or none, taken by their place in the
+// sorted list. Those from FIRST to before END in steps are the film, up to a hundred from END on are located. POSES, a list
 // of `NAME QW QX QY QZ TX TY TZ` (camera from world), and FOCAL give the film's frames their poses and their camera. Memory is the peak resident size of
 // the page's process. CHROME names the browser.
 import { createReadStream, existsSync, readFileSync, statSync } from "node:fs";
@@ -16,7 +17,7 @@ import { range } from "./map_film.mjs";
 const root = fileURLToPath(new URL("../", import.meta.url));
 const [packageFolder, pictures, step = "7", first = "0", end = "800", posesFile, focal] = process.argv.slice(2);
 if (!pictures || (posesFile && !focal)) throw new Error("usage: node benches/map_browser.mjs PACKAGE PICTURES [STEP] [FIRST] [END] [POSES FOCAL]");
-const names = (await readdir(pictures)).filter((name) => /\.(jpe?g|png)$/i.test(name)).sort();
+const names = (await readdir(pictures, { recursive: true })).filter((name) => /\.(jpe?g|png)$/i.test(name)).sort();
 const film = range(Number(first), Number(end), Number(step)).filter((i) => i < names.length);
 const test = range(Number(end), Math.min(names.length, Number(end) + 100));
 

@@ -27,7 +27,7 @@ pub struct FilmParams {
 pub enum FilmError {
     /// Fewer keyframes than a map needs.
     #[error(
-        "{found} pictures are too few: a map needs {MIN_PICTURES} at least that overlap, better thirty and more"
+        "too few pictures ({found}): a map needs {MIN_PICTURES} at least that overlap, better thirty and more"
     )]
     TooFew {
         /// So many are there.

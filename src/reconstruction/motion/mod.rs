@@ -228,7 +228,7 @@ pub struct PairCounts {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MotionError {
     /// Fewer than two pictures.
-    #[error("{0} pictures are too few: poses need at least three that overlap, better thirty")]
+    #[error("too few pictures ({0}): poses need at least three that overlap, better thirty")]
     TooFew(usize),
     /// A picture names a camera group that is not there.
     #[error("picture {picture} names camera group {group}, there are {num_groups}")]

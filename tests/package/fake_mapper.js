@@ -53,7 +53,7 @@ export class Mapper {
         await wait(told().stepMs);
       }
     }
-    if (this.keyframes < 2) throw failed({ code: "not-enough-pictures", message: `${this.keyframes} picture is too few`, hint: "Film longer." });
+    if (this.keyframes < 2) throw failed({ code: "not-enough-pictures", message: `too few pictures (${this.keyframes})`, hint: "Film longer." });
     const [scene, { pictures, camera }] = await Promise.all([
       fetch("./scenes/sample/sample.landline").then(async (response) => new Uint8Array(await response.arrayBuffer())),
       fetch("./scenes/sample/sample.json").then((response) => response.json()),

@@ -1,8 +1,11 @@
 // `landline/mapper`: a film becomes a scene, the scene locates; what is no film is refused with its reason.
 import assert from "node:assert/strict";
+import { execFile } from "node:child_process";
+import { readFile, writeFile } from "node:fs/promises";
 import { join } from "node:path";
 import { test } from "node:test";
 import { pathToFileURL } from "node:url";
+import { promisify } from "node:util";
 import { installed } from "./support.mjs";
 import { camera, centre, distance, pose, render, walk } from "./walk.mjs";
 
@@ -126,4 +129,53 @@ test("a build can be cancelled at every stage, and made again", { timeout: 240_0
   }
   const { report } = await mapper.build();
   assert.ok(report.points > 100);
+});
+
+/** The engine with at most so many pages of memory. */
+function limited(bytes, pages) {
+  const leb = (n) => (n < 128 ? [n] : [(n & 127) | 128, ...leb(n >>> 7)]);
+  let at = 8;
+  const number = () => {
+    let [value, shift] = [0, 0];
+    for (;;) {
+      const byte = bytes[at++];
+      value |= (byte & 127) << shift;
+      if (byte < 128) return value;
+      shift += 7;
+    }
+  };
+  for (;;) {
+    const start = at;
+    const id = bytes[at++];
+    const size = number();
+    if (id === 5) {
+      const end = at + size;
+      at += 2; // one memory, and whether it has a limit
+      const section = [1, 1, ...leb(number()), ...leb(pages)];
+      return Buffer.concat([bytes.subarray(0, start), Buffer.from([5, ...leb(section.length), ...section]), bytes.subarray(end)]);
+    }
+    at += size;
+  }
+}
+
+test("a device that gives no more memory is named, and the engine says so from then on", { timeout: 120_000 }, async (t) => {
+  const folder = join(await installed(t), "node_modules/landline/mapper");
+  const wasm = await readFile(join(folder, "landline_mapper_bg.wasm"));
+  // An engine is shared by a whole thread, hence a process for each limit.
+  const script = `
+    const { Mapper } = await import(${JSON.stringify(pathToFileURL(join(folder, "index.js")).href)});
+    const wasm = process.env.WASM_FILE && await (await import("node:fs/promises")).readFile(process.env.WASM_FILE);
+    const mapper = await Mapper.create(wasm ? { wasm } : {});
+    const { wasmBytes } = await mapper.memory();
+    const frame = { data: new Uint8Array(640 * 480).map((_, i) => (i * 7919) % 251), width: 640, height: 480, format: "luma8" };
+    const codes = [];
+    for (let i = 0; i < 2 && process.env.WASM_FILE; i++) codes.push(await mapper.addFrame(frame).then(() => "nothing", ({ code }) => code));
+    console.log(JSON.stringify({ wasmBytes, codes }));
+  `;
+  const run = async (environment) => JSON.parse((await promisify(execFile)(process.execPath, ["--input-type=module", "-e", script], { env: { ...process.env, ...environment } })).stdout);
+  const { wasmBytes } = await run({ WASM_FILE: "" });
+  const file = join(folder, "limited.wasm");
+  await writeFile(file, limited(wasm, wasmBytes / 65536 + 16));
+  const { codes } = await run({ WASM_FILE: file });
+  assert.deepEqual(codes, ["out-of-memory", "out-of-memory"]);
 });

@@ -160,9 +160,12 @@ test("making the map can be cancelled, and what fails says why and what helps", 
   await page.click("#map-again");
   await heading(page, "This device ran out of memory");
   assert.equal(await page.evaluate(() => globalThis.disposed), 1);
-  await page.evaluate(() => (globalThis.fakeMapper = { stepMs: 1 }));
+  // A film with a cut: the larger piece is the map, and that is said.
+  const cut = "The film falls into 2 pieces that could not be joined; this is the largest. Film the way from one to the other.";
+  await page.evaluate((words) => (globalThis.fakeMapper = { stepMs: 1, registeredShare: 0.6, warnings: [words] }), cut);
   await page.click("#map-again");
   await heading(page, "Your place is mapped");
+  assert.equal(await page.textContent("#mapping .problem-hint"), cut);
   assert.match(await page.textContent("#map-problems"), /notes\.jpg: cannot be decoded/);
   assert.match(await page.textContent("#map-problems"), /night\.bmp: too dark/);
   assert.equal(await page.evaluate(() => globalThis.mappers.length), 2);
@@ -258,6 +261,10 @@ test("who only locates loads nothing of it; its own size is bounded", { skip, ti
   // Not even for offline use: what maps is kept from the first time on that it is used.
   const asked = server.requests.filter(({ path }) => /\/(mapping|mapper)\/|mapper.*\.wasm$/.test(path));
   assert.deepEqual(asked, []);
+  // Nor does its engine carry any of it: places of panics name the sources that are in a wasm file.
+  const engine = (name) => readFile(join(site(), "vendor/landline", name), "latin1");
+  const [locates, maps] = await Promise.all([engine("landline_bg.wasm"), engine("mapper/landline_mapper_bg.wasm")]);
+  for (const part of ["src/mapping/", "src/reconstruction/"]) assert.deepEqual([locates.includes(part), maps.includes(part)], [false, true], part);
   const folder = join(site(), "mapping");
   let total = 0;
   for (const name of await readdir(folder)) total += brotliCompressSync(await readFile(join(folder, name))).length;

@@ -125,9 +125,10 @@ export class MapperEngine {
     return landline;
   }
 
+  /** Whether there are 100 MiB more: the largest single piece of a map takes less. This instance is of no use any more. */
   #canGrow(): boolean {
     try {
-      this.#memory?.grow(64);
+      this.#memory?.grow(1600);
       return true;
     } catch {
       return false;

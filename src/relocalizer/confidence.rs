@@ -1,5 +1,6 @@
 //! How sure an answer is: the probability that it is right, as far as one frame tells.
 
+use super::options::CameraSource;
 use crate::landmarks::FoundAgain;
 use crate::math::elementary::{exp, ln, logistic};
 use crate::pose::PoseEstimate;
@@ -13,6 +14,11 @@ const EVIDENCE_SCALE: f64 = 10.0;
 /// view with few landmarks finds a third of them and is still half a metre off.
 const FOUND: [f64; 3] = [-10.8, 3.78, 1.72];
 
+/// Factor where the camera is known from the answer's own picture alone. Matches around a wrong projection draw towards it and
+/// agree with each other, so they do not tell: of 54 squeezed and cropped pictures of two rooms, without intrinsics, 45 were
+/// within 25 cm, all of them with confidences above 0.98 by the rest.
+const OWN_CAMERA: f64 = 0.89;
+
 /// The confidence of an answer from the correspondences alone, 0 to 1.
 fn by_evidence(estimate: &PoseEstimate) -> f64 {
     1.0 - exp(-estimate.log_evidence.max(0.0) / EVIDENCE_SCALE)
@@ -25,10 +31,22 @@ fn by_found(found: &FoundAgain) -> f64 {
     logistic(constant + by_number * ln(1.0 + number) + by_share * ln(found.share().max(1e-3)))
 }
 
-/// The confidence of an answer. `found` is what a second look found again, where the scene has landmarks to look for.
-pub(super) fn confidence(estimate: &PoseEstimate, found: Option<&FoundAgain>) -> f64 {
+/// The confidence of an answer. `found` is what a second look found again, where the scene has landmarks to look for;
+/// `camera_source` says how the intrinsics came to be known in the end.
+pub(super) fn confidence(
+    estimate: &PoseEstimate,
+    found: Option<&FoundAgain>,
+    camera_source: CameraSource,
+) -> f64 {
     let evidence = by_evidence(estimate);
-    found.map_or(evidence, |found| evidence.min(by_found(found)))
+    let sure = found.map_or(evidence, |found| evidence.min(by_found(found)));
+    match camera_source {
+        CameraSource::Estimated | CameraSource::Assumed => OWN_CAMERA * sure,
+        CameraSource::Given
+        | CameraSource::Track
+        | CameraSource::Exif
+        | CameraSource::Remembered => sure,
+    }
 }
 
 #[cfg(test)]

@@ -94,7 +94,10 @@ impl Relocalizer {
         change(&mut options);
         options.check(&scene)?;
         let front_end = FrontEnd::new(extractor, options.front_end)?.with_level(options.kernels);
-        let again = scene.landmarks.as_ref().map(second_look::Again::new);
+        let again = scene
+            .landmarks
+            .as_ref()
+            .map(|table| second_look::Again::new(table, scene.info.camera));
         let regressor = Regressor::with_level(
             &scene.config,
             scene.weights,

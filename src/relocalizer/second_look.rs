@@ -3,7 +3,7 @@
 use super::Relocalizer;
 use super::error::LocateError;
 use crate::features::FeatureSet;
-use crate::geometry::{CamFromWorld, Camera};
+use crate::geometry::{CamFromWorld, Camera, PixelMap};
 use crate::landmarks::{
     FoundAgain, LandmarkTable, Landmarks, LookOptions, SecondLook, SolvedCamera,
 };
@@ -30,6 +30,7 @@ const SOLVED_FOCAL_SIGMA_LN: f64 = 0.1;
 #[derive(Debug)]
 pub(super) struct Again {
     landmarks: Landmarks,
+    scene_camera: Option<Camera>,
     look: SecondLook,
     scratch: PoseScratch,
 }
@@ -73,9 +74,11 @@ struct Frame<'a> {
 }
 
 impl Again {
-    pub(super) fn new(table: &LandmarkTable) -> Self {
+    /// `scene_camera` is that of the pictures that taught the scene.
+    pub(super) fn new(table: &LandmarkTable, scene_camera: Option<Camera>) -> Self {
         Self {
             landmarks: Landmarks::new(table),
+            scene_camera,
             look: SecondLook::default(),
             scratch: PoseScratch::default(),
         }
@@ -112,6 +115,7 @@ impl Again {
         if is_mirrored && !best.answer.is_some_and(|((_, found), _)| is_clear(&found)) {
             return Ok(None);
         }
+        self.look_with_stretched_camera(frame, camera, &mut best, clock)?;
         self.look_with_other_cameras(frame, &mut best, clock)?;
         match best.answer {
             Some((_, from)) if !best.is_last => self.look_once(&from, frame, clock),
@@ -143,6 +147,57 @@ impl Again {
             let answer = self.look_once(&from, frame, clock)?;
             best.offer(answer, &from);
         }
+        Ok(())
+    }
+
+    /// A picture of another shape than the scene's, with intrinsics that nobody knows, may be the scene's camera, stretched: a video
+    /// that was drawn into a frame of another shape. The first pose is no start for that, the search is made anew.
+    fn look_with_stretched_camera(
+        &mut self,
+        frame: &Frame<'_>,
+        picture: &Camera,
+        best: &mut Best,
+        clock: &mut dyn FnMut() -> f64,
+    ) -> Result<(), PoseError> {
+        let (width, height) = (picture.width, picture.height);
+        let Some(scene) = self.scene_camera.filter(|scene| {
+            frame.options.focal == Focal::Unknown
+                && frame.take.points
+                && scene.for_size(width, height).is_none()
+        }) else {
+            return Ok(());
+        };
+        let scale = PixelMap::<(), ()>::from_scale(
+            f64::from(width) / f64::from(scene.width),
+            f64::from(height) / f64::from(scene.height),
+        );
+        let stretched = Camera {
+            width,
+            height,
+            ..scene.resized(&scale)
+        };
+        let options = PoseOptions {
+            focal: Focal::Known,
+            ..*frame.options
+        };
+        let recalled = self.look.recall(
+            &self.landmarks,
+            frame.features,
+            &stretched,
+            &options,
+            &mut self.scratch,
+            clock,
+        )?;
+        let Some(estimate) = &recalled.estimate else {
+            return Ok(());
+        };
+        let from = From {
+            camera: stretched,
+            cam_from_world: estimate.cam_from_world,
+            focal: Focal::Known,
+        };
+        let answer = self.look_once(&from, frame, clock)?;
+        best.offer(answer, &from);
         Ok(())
     }
 

@@ -6,7 +6,7 @@ use super::confidence::confidence;
 use super::correspond::correspondences;
 use super::error::LocateError;
 use super::last_frame::{count, mark};
-use super::options::Query;
+use super::options::{CameraSource, Query};
 use super::result::{Counts, Localization, Outcome, Report};
 use super::start::Start;
 use super::timings::StageTimings;
@@ -228,7 +228,7 @@ impl Relocalizer {
             Ok(estimate) => {
                 (solved_camera, source, sigma_ln) =
                     start.solved(&camera, &self.working_from_sensor, &estimate);
-                Outcome::Located(self.localization(estimate, found_again.as_ref()))
+                Outcome::Located(self.localization(estimate, found_again.as_ref(), source))
             }
             Err(reason) => {
                 mark(&[], self.points.len(), &mut self.is_point_inlier);
@@ -274,12 +274,17 @@ impl Relocalizer {
     }
 
     /// Marks what agrees with the solver's last answer, and puts the answer in the frame's own pixels.
-    fn localization(&mut self, estimate: PoseEstimate, found: Option<&FoundAgain>) -> Localization {
+    fn localization(
+        &mut self,
+        estimate: PoseEstimate,
+        found: Option<&FoundAgain>,
+        camera_source: CameraSource,
+    ) -> Localization {
         let working = self.working_from_sensor;
         Localization {
             cam_from_world: estimate.cam_from_world,
             median_error_px: self.mark_inliers() / (0.5 * (working.scale_x + working.scale_y)),
-            confidence: confidence(&estimate, found),
+            confidence: confidence(&estimate, found, camera_source),
             estimate,
         }
     }

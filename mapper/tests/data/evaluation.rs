@@ -196,3 +196,37 @@ fn locate_draws_what_it_found_and_goes_on_after_a_picture_that_is_none() {
     // Enlarged twice, so that strokes are fine against it.
     assert_eq!((drawn.width(), drawn.height()), (1280, 960));
 }
+
+/// A video that was drawn into a frame of another shape: nobody knows the intrinsics, and they are not those of a camera.
+#[test]
+fn a_squeezed_picture_is_located_and_says_that_its_camera_is_a_guess() {
+    let folder = Folder::new();
+    let (list, _) = pose_list(&folder, 3);
+    let scene = sample().join("sample.landline");
+    let path = |p: &Path| p.to_str().expect("UTF-8").to_owned();
+    for row in std::fs::read_to_string(list).expect("was written").lines() {
+        let (name, pose) = row.split_once(' ').expect("a name and numbers");
+        let m: Vec<f64> = pose
+            .split(' ')
+            .map(|n| n.parse().expect("a number"))
+            .collect();
+        let center = |i: usize| -(0..3).map(|k| m[4 * k + i] * m[4 * k + 3]).sum::<f64>();
+        let picture = image::open(sample().join(name)).expect("is a picture");
+        let squeezed = folder.0.join(name).with_extension("png");
+        let filter = image::imageops::FilterType::Triangle;
+        let (width, height) = (picture.width(), picture.height() * 3 / 4);
+        let small = picture.resize_exact(width, height, filter);
+        small.save(&squeezed).expect("can be written");
+        let Some(output) = landline(&["locate", &path(&scene), &path(&squeezed), "--json"]) else {
+            return;
+        };
+        let found: Value = serde_json::from_slice(&output.stdout).expect("one line of JSON");
+        let position = &found["pose"]["position"];
+        for axis in 0..3 {
+            let off = position[axis].as_f64().expect("is located") - center(axis);
+            assert!(off.abs() < 0.03, "{name}: {off} m along axis {axis}");
+        }
+        let confidence = found["quality"]["confidence"].as_f64().expect("a number");
+        assert!(confidence < 0.9, "{name}: {confidence}");
+    }
+}

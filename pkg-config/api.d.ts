@@ -149,6 +149,19 @@ export declare function isCached(url: string | URL): Promise<boolean>;
 /** Removes everything that this package has stored on the device. */
 export declare function clearCache(): Promise<void>;
 
+// ---- builds.d.ts
+
+import type { Build, CreateOptions } from "./types.js";
+export interface Choice {
+    build: Build;
+    /** Why this one, as results tell it. */
+    reason: string;
+}
+/** The build that was asked for, or the fastest that runs here. */
+export declare function chooseBuild(asked?: CreateOptions["build"]): Choice;
+/** Where a build of the engine lies in this package; by default the one that is taken here. */
+export declare function packagedWasmUrl(build?: Build): URL;
+
 // ---- camera.d.ts
 
 import type { Intrinsics } from "./types.js";
@@ -448,7 +461,7 @@ export {};
 
 /** landline: finds the camera of a picture in a taught place, on the device. */
 export { Relocalizer, packagedExtractorUrl, type StateEvent } from "./relocalizer.js";
-export { packagedWasmUrl } from "./init.js";
+export { packagedWasmUrl } from "./builds.js";
 export { LandlineError, type LandlineErrorCode } from "./errors.js";
 export { camera, intrinsicsFromTrack, type Camera, type CameraOptions } from "./camera.js";
 export { follow, type FollowedAnswer, type FollowedFrame, type FollowEvents, type FollowOptions, type FollowResult, type Following } from "./follow.js";
@@ -460,18 +473,6 @@ export { clearCache, isCached } from "./assets.js";
 export { invertRigid, placementFrom } from "./placement.js";
 export { focalLength35mm, focalPxFrom35mm } from "./exif.js";
 export type * from "./types.js";
-
-// ---- init.d.ts
-
-import type { CreateOptions } from "./types.js";
-type InitOptions = {
-    [K in "wasm" | "onProgress" | "signal" | "fetch" | "stallTimeoutMs"]?: CreateOptions[K] | undefined;
-};
-/** Where the engine lies in this package. */
-export declare function packagedWasmUrl(): URL;
-/** The compiled engine. Compiled once per address; a failure is not remembered. */
-export declare function loadEngine(options: InitOptions): Promise<WebAssembly.Module>;
-export {};
 
 // ---- mapper/index.d.ts
 
@@ -704,11 +705,14 @@ export declare function placementFrom(cameraFromWorld: Float64Array): Placement;
 
 /** Messages between the page and the worker. */
 import type { CallReply, CallRequest } from "./rpc.js";
-import type { Device, Include, Intrinsics, KnownIntrinsicsSource, LiveOptions, LocateResult, RawFrame, SceneInfo, Backend } from "./types.js";
+import type { Device, Include, Intrinsics, KnownIntrinsicsSource, LiveOptions, LocateResult, RawFrame, SceneInfo, Backend, Build } from "./types.js";
 /** Pixels, or something that the worker can draw. */
 export type WireFrame = RawFrame | ImageBitmap | VideoFrame;
 export interface CreateRequest {
     module: WebAssembly.Module;
+    /** The build that was chosen; none where the caller gave the engine. */
+    build: Build | undefined;
+    buildReason: string;
     extractor: Uint8Array;
     scene: Uint8Array;
     device: Device;
@@ -733,6 +737,8 @@ export interface Created {
     scene: SceneInfo;
     backend: Backend;
     backendReason: string;
+    build: Build;
+    buildReason: string;
 }
 /** What the engine holds, in bytes. */
 export interface MemoryUse {
@@ -779,7 +785,7 @@ export type Reply = CallReply;
 
 import { Follower, type FollowerOptions } from "./follower.js";
 import type { MemoryUse } from "./protocol.js";
-import type { Backend, CreateOptions, FrameSource, LiveOptions, LocateOptions, LocateResult, SceneInfo } from "./types.js";
+import type { Backend, Build, CreateOptions, FrameSource, LiveOptions, LocateOptions, LocateResult, SceneInfo } from "./types.js";
 /** Where the extractor's weights lie in this package. */
 export declare function packagedExtractorUrl(): URL;
 /** What `searching`, `tracking` and `limited` listeners get; `detail` is the result that led there. */
@@ -794,6 +800,10 @@ export declare class Relocalizer extends EventTarget {
     #private;
     /** What the scene file says about itself. */
     readonly scene: SceneInfo;
+    /** The build of the engine. */
+    readonly build: Build;
+    /** Why this one. */
+    readonly buildReason: string;
     private constructor();
     /** Loads the engine, the extractor and the scene, side by side, and makes them ready. */
     static create(options: CreateOptions): Promise<Relocalizer>;
@@ -929,6 +939,7 @@ export declare function rotationFromVector([x, y, z]: readonly [number, number, 
 /** What this browser offers. */
 import type { Support } from "./types.js";
 export declare function hasSimd(): boolean;
+export declare function hasRelaxedSimd(): boolean;
 /** True where the code runs under Node rather than in a browser or a worker of one. */
 export declare function isNode(): boolean;
 /** Tells whether the engine can run here, and what it could use. Loads nothing. */
@@ -941,6 +952,8 @@ export declare function checkSupport(): Promise<Support>;
 export type Device = "auto" | "webgpu" | "cpu";
 /** What really executes them. */
 export type Backend = "webgpu" | "cpu";
+/** The engine's builds: `relaxed` computes the networks with the multiply-add of relaxed SIMD, in two thirds of the time. */
+export type Build = "plain" | "relaxed";
 /** Where bytes come from. A `string` is a URL (under Node also a path). */
 export type BytesSource = string | URL | ArrayBuffer | Uint8Array | Blob | ReadableStream<Uint8Array>;
 /** Pixels in memory. `stride` is in bytes and defaults to tight rows. */
@@ -1129,6 +1142,10 @@ export interface ResultCommon {
     backend: Backend;
     /** Why not a faster one. */
     backendReason: string;
+    /** The build of the engine. */
+    build: Build;
+    /** Why this one. */
+    buildReason: string;
 }
 /** Options of one `locate` call. */
 export interface LocateOptions {
@@ -1175,9 +1192,11 @@ export interface CreateOptions extends LiveOptions {
     /** Weights of the extractor; those in this package by default. */
     extractor?: BytesSource;
     device?: Device;
+    /** The build of the engine: the fastest that the browser can run, by default. Only that one is downloaded. */
+    build?: "auto" | Build;
     onProgress?: (event: ProgressEvent) => void;
     signal?: AbortSignal;
-    /** The engine; the one in this package by default. */
+    /** The engine; one in this package by default. */
     wasm?: string | URL | ArrayBuffer | Uint8Array | WebAssembly.Module;
     /** Run in a worker. Default: yes in browsers, no under Node. */
     worker?: boolean;
@@ -1219,6 +1238,8 @@ export type ProgressEvent = {
     status: "ready";
     backend: Backend;
     backendReason: string;
+    build: Build;
+    buildReason: string;
 };
 /** Accuracy of a scene on pictures that were not trained on. */
 export interface HeldOut {
@@ -1258,6 +1279,8 @@ export interface SceneInfo {
 export interface Support {
     ok: boolean;
     wasmSimd: boolean;
+    /** Without it the plain build of the engine is taken. */
+    wasmRelaxedSimd: boolean;
     webgpu: boolean;
     worker: boolean;
     camera: boolean;

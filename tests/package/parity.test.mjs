@@ -5,7 +5,7 @@ import { mkdtemp, readFile, rm } from "node:fs/promises";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { test } from "node:test";
-import { accuracy, difference, posesInChromium, posesUnderNode, readFrames } from "../../xtask/node/poses.mjs";
+import { accuracy, apart, difference, posesInChromium, posesUnderNode, readFrames } from "../../xtask/node/poses.mjs";
 import { browser, haveSample, open, serve } from "./page.mjs";
 import { installed, root, run, site } from "./support.mjs";
 
@@ -36,6 +36,13 @@ test("native, Node and Chromium agree on the sample pictures", { skip, timeout: 
   const { page } = await open(await browser(t), `${server.url}files.json`);
   page.setDefaultTimeout(600_000);
   poses.chromium = await posesInChromium(page, "/scenes/sample/sample.landline", frames, list.camera);
+
+  // The relaxed build adds products before they are rounded, in the networks only.
+  poses.relaxed = await posesInChromium(page, "/scenes/sample/sample.landline", frames, list.camera, "relaxed");
+  assert.equal(await page.evaluate(() => globalThis.relocalizer.build), "relaxed");
+  const { mm, deg } = apart(poses.relaxed, poses.chromium);
+  t.diagnostic(`relaxed and plain build: ${mm.toFixed(4)} mm and ${deg.toFixed(5)} degrees apart at most`);
+  assert.ok(mm <= 0.1 && deg <= 0.002, `poses of the two builds are ${mm} mm and ${deg} degrees apart`);
 
   for (const [where, those] of Object.entries(poses)) {
     const { located, medianMm } = accuracy(those, list);

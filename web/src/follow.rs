@@ -9,7 +9,8 @@ use landline::session::{
     Answer, AnswerUse, FollowLimit, FollowOptions, FollowReport, FollowSource, FollowState,
     Follower,
 };
-use landline::tracker::TrackLoss;
+use landline::simd::Level;
+use landline::tracker::{TrackLoss, TrackerOptions};
 use nalgebra::{Matrix3, Matrix6, Vector3};
 use wasm_bindgen::JsValue;
 use wasm_bindgen::prelude::wasm_bindgen;
@@ -44,6 +45,11 @@ impl RawFollower {
         Ok(Self {
             core: Follower::new(FollowOptions {
                 blend_ms,
+                // The same in every build: relaxed SIMD is for networks.
+                tracker: TrackerOptions {
+                    kernels: Level::Portable,
+                    ..TrackerOptions::default()
+                },
                 ..FollowOptions::default()
             }),
             frame: Vec::new(),

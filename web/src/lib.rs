@@ -49,6 +49,19 @@ pub fn version() -> String {
     env!("CARGO_PKG_VERSION").to_owned()
 }
 
+/// The build, by what its networks compute with: `plain`, or `relaxed` with the multiply-add of relaxed SIMD.
+#[cfg(feature = "locate")]
+#[wasm_bindgen]
+#[must_use]
+pub fn build() -> String {
+    let level = landline::simd::Level::best();
+    if level == landline::simd::Level::Portable {
+        "plain".to_owned()
+    } else {
+        level.name().to_owned()
+    }
+}
+
 /// Writes panics to the console: without it they show as `unreachable` and nothing else.
 #[wasm_bindgen(start)]
 pub fn start() {

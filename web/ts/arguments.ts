@@ -58,6 +58,7 @@ const create: Record<keyof CreateOptions, Check> = {
   ...loading,
   scene: anything,
   device: oneOf("auto", "webgpu", "cpu"),
+  build: oneOf("auto", "plain", "relaxed"),
 };
 
 const locate: Record<keyof LocateOptions, Check> = {

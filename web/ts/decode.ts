@@ -1,7 +1,7 @@
 /** Reads the flat numbers that the engine writes. The layout is defined in web/src/result.rs. */
 import { LandlineError } from "./errors.js";
 import { placementFrom } from "./placement.js";
-import type { Backend, Include, IntrinsicsSource, LimitedReason, LocateResult, NotLocatedReason, ResultCommon, TrackingState, Units } from "./types.js";
+import type { Backend, Build, Include, IntrinsicsSource, LimitedReason, LocateResult, NotLocatedReason, ResultCommon, TrackingState, Units } from "./types.js";
 
 /** Must equal `LAYOUT_VERSION` in web/src/result.rs. */
 const layoutVersion = 1;
@@ -18,6 +18,8 @@ interface Context {
   transferMs: number;
   include: readonly Include[];
   backendReason: string;
+  build: Build;
+  buildReason: string;
   units: Units;
 }
 
@@ -64,6 +66,8 @@ export function decodeResult(n: Float64Array, context: Context): LocateResult {
     },
     backend: named(backends, at(96), "backend"),
     backendReason: context.backendReason,
+    build: context.build,
+    buildReason: context.buildReason,
   };
   if (result.state === "limited") result.limited = named(limits, at(4), "limited reason");
   if (!Number.isNaN(at(44))) result.intrinsics.relativeSigma = at(44);

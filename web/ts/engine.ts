@@ -3,8 +3,8 @@ import { asLandlineError, LandlineError } from "./errors.js";
 import { decodeResult } from "./decode.js";
 import { PixelReader } from "./pixels.js";
 import type { Created, CreateRequest, LocateRequest, MemoryUse } from "./protocol.js";
-import { instantiate, RawRelocalizer } from "./raw.js";
-import type { Include, KnownIntrinsicsSource, LiveOptions, LocateResult, SceneInfo, Units } from "./types.js";
+import { build, instantiate, RawRelocalizer } from "./raw.js";
+import type { Build, Include, KnownIntrinsicsSource, LiveOptions, LocateResult, SceneInfo, Units } from "./types.js";
 
 const includeBit: Record<Include, number> = { points: 1, lines: 2, segments: 4 };
 const sourceCode: Record<KnownIntrinsicsSource, number> = { given: 0, track: 1, exif: 2 };
@@ -27,15 +27,17 @@ export class Engine {
   #raw: RawRelocalizer | undefined;
   readonly #memory: WebAssembly.Memory;
   readonly #units: Units;
+  readonly #build: Pick<Created, "build" | "buildReason">;
   readonly #pixels = new PixelReader();
   #broken: LandlineError | undefined;
   /** A frame that was handed over before its turn. */
   #begun: Begun | undefined;
 
-  private constructor(raw: RawRelocalizer, memory: WebAssembly.Memory, units: Units) {
+  private constructor(raw: RawRelocalizer, memory: WebAssembly.Memory, units: Units, build: Pick<Created, "build" | "buildReason">) {
     this.#raw = raw;
     this.#memory = memory;
     this.#units = units;
+    this.#build = build;
   }
 
   static async create(request: CreateRequest): Promise<{ engine: Engine; created: Created }> {
@@ -43,9 +45,13 @@ export class Engine {
     try {
       const raw = await RawRelocalizer.create(request.extractor, request.scene, request.device, JSON.stringify(request.options));
       const scene = JSON.parse(raw.sceneInfo()) as SceneInfo;
+      const running = build() as Build;
+      // A thread has one instance, whatever is asked for later.
+      const buildReason = request.build && request.build !== running ? `this thread runs the ${running} build already` : request.buildReason;
+      const built = { build: running, buildReason };
       return {
-        engine: new Engine(raw, memory, scene.units),
-        created: { scene, backend: raw.backend() as Created["backend"], backendReason: raw.backendReason() },
+        engine: new Engine(raw, memory, scene.units, built),
+        created: { scene, backend: raw.backend() as Created["backend"], backendReason: raw.backendReason(), ...built },
       };
     } catch (error) {
       throw asLandlineError(error);
@@ -68,7 +74,7 @@ export class Engine {
       raw.solve(includeBits(request.include));
       const numbers = new Float64Array(this.#memory.buffer, raw.resultAddress(), raw.resultLength());
       const { transferMs } = begun;
-      return decodeResult(numbers, { timestampMs: request.timestampMs, transferMs, include: request.include, backendReason: raw.backendReason(), units: this.#units });
+      return decodeResult(numbers, { timestampMs: request.timestampMs, transferMs, include: request.include, backendReason: raw.backendReason(), ...this.#build, units: this.#units });
     } catch (error) {
       throw this.#note(error);
     }

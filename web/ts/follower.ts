@@ -118,7 +118,7 @@ export class Follower {
   /** Makes one on this thread. The engine is compiled once for a page and its workers' scripts alike. */
   static async create(options: FollowerOptions & Pick<CreateOptions, "wasm" | "fetch" | "signal"> = {}): Promise<Follower> {
     const { wasm, fetch, signal, blendMs = 150 } = options;
-    const memory = await instantiate(await loadEngine({ wasm, fetch, signal }));
+    const memory = await instantiate((await loadEngine({ wasm, fetch, signal })).module);
     try {
       return new Follower(new RawFollower(blendMs), memory);
     } catch (error) {

@@ -1,6 +1,6 @@
 /** landline: finds the camera of a picture in a taught place, on the device. */
 export { Relocalizer, packagedExtractorUrl, type StateEvent } from "./relocalizer.js";
-export { packagedWasmUrl } from "./init.js";
+export { packagedWasmUrl } from "./builds.js";
 export { LandlineError, type LandlineErrorCode } from "./errors.js";
 export { camera, intrinsicsFromTrack, type Camera, type CameraOptions } from "./camera.js";
 export { follow, type FollowedAnswer, type FollowedFrame, type FollowEvents, type FollowOptions, type FollowResult, type Following } from "./follow.js";

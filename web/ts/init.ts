@@ -1,23 +1,19 @@
 /** Loads and compiles the engine's wasm. */
 import { load, maxBytes, usualStallMs } from "./assets.js";
+import { chooseBuild, packagedWasmUrl } from "./builds.js";
 import { LandlineError } from "./errors.js";
-import { hasSimd, isNode } from "./support.js";
-import type { CreateOptions } from "./types.js";
+import { isNode } from "./support.js";
+import type { Build, CreateOptions } from "./types.js";
 
-type InitOptions = { [K in "wasm" | "onProgress" | "signal" | "fetch" | "stallTimeoutMs"]?: CreateOptions[K] | undefined };
+type InitOptions = { [K in "wasm" | "build" | "onProgress" | "signal" | "fetch" | "stallTimeoutMs"]?: CreateOptions[K] | undefined };
 
 const compiled = new Map<string, Promise<WebAssembly.Module>>();
-
-/** Where the engine lies in this package. */
-export function packagedWasmUrl(): URL {
-  return new URL("./landline_bg.wasm", import.meta.url);
-}
 
 async function compileBytes(bytes: Uint8Array, from: string): Promise<WebAssembly.Module> {
   const magic = bytes.length >= 4 && bytes[0] === 0 && bytes[1] === 0x61 && bytes[2] === 0x73 && bytes[3] === 0x6d;
   if (!magic) {
     const head = Array.from(bytes.subarray(0, 4), (b) => b.toString(16).padStart(2, "0")).join(" ");
-    throw new LandlineError("asset-mime", `the engine from ${from} is not WebAssembly: it begins with ${head || "nothing"} instead of 00 61 73 6d`, "Check that landline_bg.wasm is served from this address.");
+    throw new LandlineError("asset-mime", `the engine from ${from} is not WebAssembly: it begins with ${head || "nothing"} instead of 00 61 73 6d`, "Check that the engine's wasm file is served from this address.");
   }
   try {
     return await WebAssembly.compile(bytes as Uint8Array<ArrayBuffer>);
@@ -100,16 +96,30 @@ async function count(stream: ReadableStream<Uint8Array>, onBytes: (loaded: numbe
   }
 }
 
+/** A compiled engine, and why it is this one. */
+export interface LoadedEngine {
+  module: WebAssembly.Module;
+  /** None where the caller gave the engine. */
+  build: Build | undefined;
+  buildReason: string;
+}
+
 /** The compiled engine. Compiled once per address; a failure is not remembered. */
-export async function loadEngine(options: InitOptions): Promise<WebAssembly.Module> {
-  if (!hasSimd()) {
-    throw new LandlineError("unsupported", "this browser has no WebAssembly SIMD", "Update the browser: Chrome 91, Firefox 89 and Safari 16.4 were the first to have it.");
-  }
+export async function loadEngine(options: InitOptions): Promise<LoadedEngine> {
+  const { build, reason: buildReason } = chooseBuild(options.build);
   const given = options.wasm;
+  if (given === undefined) return { module: await fromAddress(packagedWasmUrl(build).href, options), build, buildReason };
+  return { module: await fromGiven(given, options), build: undefined, buildReason: "the caller gave the engine" };
+}
+
+async function fromGiven(given: NonNullable<CreateOptions["wasm"]>, options: InitOptions): Promise<WebAssembly.Module> {
   if (given instanceof WebAssembly.Module) return given;
   if (given instanceof ArrayBuffer) return compileBytes(new Uint8Array(given), "the given bytes");
   if (given instanceof Uint8Array) return compileBytes(given, "the given bytes");
-  const url = given === undefined ? packagedWasmUrl().href : given instanceof URL ? given.href : resolve(given);
+  return fromAddress(given instanceof URL ? given.href : resolve(given), options);
+}
+
+function fromAddress(url: string, options: InitOptions): Promise<WebAssembly.Module> {
   let module = compiled.get(url);
   if (!module) {
     // Shared between callers, so no single caller's signal may stop it.

@@ -1,12 +1,15 @@
 /** Messages between the page and the worker. */
 import type { CallReply, CallRequest } from "./rpc.js";
-import type { Device, Include, Intrinsics, KnownIntrinsicsSource, LiveOptions, LocateResult, RawFrame, SceneInfo, Backend } from "./types.js";
+import type { Device, Include, Intrinsics, KnownIntrinsicsSource, LiveOptions, LocateResult, RawFrame, SceneInfo, Backend, Build } from "./types.js";
 
 /** Pixels, or something that the worker can draw. */
 export type WireFrame = RawFrame | ImageBitmap | VideoFrame;
 
 export interface CreateRequest {
   module: WebAssembly.Module;
+  /** The build that was chosen; none where the caller gave the engine. */
+  build: Build | undefined;
+  buildReason: string;
   extractor: Uint8Array;
   scene: Uint8Array;
   device: Device;
@@ -33,6 +36,8 @@ export interface Created {
   scene: SceneInfo;
   backend: Backend;
   backendReason: string;
+  build: Build;
+  buildReason: string;
 }
 
 /** What the engine holds, in bytes. */

@@ -1,8 +1,8 @@
 /** The only file that knows the generated bindings. */
 import { LandlineError } from "./errors.js";
-import init, { RawFollower, RawRelocalizer } from "./landline.js";
+import init, { build, RawFollower, RawRelocalizer } from "./landline.js";
 
-export { RawFollower, RawRelocalizer };
+export { build, RawFollower, RawRelocalizer };
 
 let memory: Promise<WebAssembly.Memory> | undefined;
 
@@ -18,7 +18,7 @@ export function instantiate(module: WebAssembly.Module): Promise<WebAssembly.Mem
 async function start(module: WebAssembly.Module): Promise<WebAssembly.Memory> {
   // The bindings keep whatever instance they get first, also one that turns out to be another program's.
   const names = new Set(WebAssembly.Module.exports(module).map(({ name }) => name));
-  for (const name of ["memory", "__wbindgen_start", "rawrelocalizer_create"]) {
+  for (const name of ["memory", "__wbindgen_start", "build", "rawrelocalizer_create"]) {
     if (!names.has(name)) throw new LandlineError("engine-version", `the engine's wasm file has no ${name}`);
   }
   return (await init({ module_or_path: module })).memory;

@@ -8,7 +8,7 @@ import { intrinsicsForFrame, prepareFrame, sizeOf } from "./frames.js";
 import { loadEngine } from "./init.js";
 import type { Created, LocateRequest, MemoryUse, WireFrame } from "./protocol.js";
 import { isNode } from "./support.js";
-import type { Backend, CreateOptions, FrameSource, Intrinsics, LiveOptions, LocateOptions, LocateResult, SceneInfo } from "./types.js";
+import type { Backend, Build, CreateOptions, FrameSource, Intrinsics, LiveOptions, LocateOptions, LocateResult, SceneInfo } from "./types.js";
 
 /** Where the extractor's weights lie in this package. */
 export function packagedExtractorUrl(): URL {
@@ -31,19 +31,25 @@ export class Relocalizer extends EventTarget {
   readonly scene: SceneInfo;
   #backend: Backend;
   #backendReason: string;
+  /** The build of the engine. */
+  readonly build: Build;
+  /** Why this one. */
+  readonly buildReason: string;
   #state: LocateResult["state"] = "searching";
   #disposed = false;
   readonly #module: WebAssembly.Module;
   #inFlight = 0;
 
-  private constructor(channel: Channel, module: WebAssembly.Module, toThread: boolean, scene: SceneInfo, backend: Backend, backendReason: string) {
+  private constructor(channel: Channel, module: WebAssembly.Module, toThread: boolean, created: Created) {
     super();
     this.#channel = channel;
     this.#module = module;
     this.#toThread = toThread;
-    this.scene = scene;
-    this.#backend = backend;
-    this.#backendReason = backendReason;
+    this.scene = created.scene;
+    this.#backend = created.backend;
+    this.#backendReason = created.backendReason;
+    this.build = created.build;
+    this.buildReason = created.buildReason;
   }
 
   /** Loads the engine, the extractor and the scene, side by side, and makes them ready. */
@@ -52,7 +58,7 @@ export class Relocalizer extends EventTarget {
       throw new LandlineError("bad-input", "create() needs { scene }", "Pass the address or the bytes of a .landline file.");
     }
     checkCreateOptions(options);
-    const { signal, onProgress, fetch, cache, integrity, wasm, stallTimeoutMs, device = "auto" } = options;
+    const { signal, onProgress, fetch, cache, integrity, wasm, build, stallTimeoutMs, device = "auto" } = options;
     signal?.throwIfAborted();
     // When one of the three fails the others are of no use any more.
     const stop = new AbortController();
@@ -62,7 +68,7 @@ export class Relocalizer extends EventTarget {
     const loadExtractor = (): Promise<Loaded> => load(options.extractor ?? packagedExtractorUrl(), { ...common, file: "extractor", integrity: integrity?.extractor });
     const loadScene = (): Promise<Loaded> => load(options.scene, { ...common, file: "scene", integrity: integrity?.scene });
     try {
-      let [module, extractor, scene] = await Promise.all([loadEngine({ wasm, onProgress, fetch, stallTimeoutMs, signal: stop.signal }), loadExtractor(), loadScene()]).catch((error: unknown) => {
+      let [engine, extractor, scene] = await Promise.all([loadEngine({ wasm, build, onProgress, fetch, stallTimeoutMs, signal: stop.signal }), loadExtractor(), loadScene()]).catch((error: unknown) => {
         stop.abort(error);
         throw error;
       });
@@ -74,7 +80,7 @@ export class Relocalizer extends EventTarget {
       const prepare = async (again: boolean): Promise<Created> => {
         // Kept bytes may prove to be wrong, and the others are needed once more then.
         const [e, s] = again ? [extractor.bytes.slice(), scene.bytes.slice()] : [extractor.bytes, scene.bytes];
-        return channel.call("create", { module, extractor: e, scene: s, device, options: liveOptions(options) }, useWorker ? [e.buffer as ArrayBuffer, s.buffer as ArrayBuffer] : []);
+        return channel.call("create", { ...engine, extractor: e, scene: s, device, options: liveOptions(options) }, useWorker ? [e.buffer as ArrayBuffer, s.buffer as ArrayBuffer] : []);
       };
       try {
         let created: Created;
@@ -93,8 +99,9 @@ export class Relocalizer extends EventTarget {
         }
         signal?.throwIfAborted();
         await Promise.all([extractor.keep(), scene.keep()]);
-        onProgress?.({ status: "ready", backend: created.backend, backendReason: created.backendReason });
-        return new Relocalizer(channel, module, useWorker, created.scene, created.backend, created.backendReason);
+        const { scene: _, ...ready } = created;
+        onProgress?.({ status: "ready", ...ready });
+        return new Relocalizer(channel, engine.module, useWorker, created);
       } catch (error) {
         channel.close();
         signal?.throwIfAborted();

@@ -6,8 +6,17 @@ const simdProbe = new Uint8Array([
   0, 97, 115, 109, 1, 0, 0, 0, 1, 4, 1, 96, 0, 0, 3, 2, 1, 0, 10, 9, 1, 7, 0, 65, 0, 253, 17, 26, 11,
 ]);
 
+// The same with the one instruction that only the relaxed build has: `f32x4.relaxed_madd` of three vectors.
+const relaxedProbe = new Uint8Array([
+  0, 97, 115, 109, 1, 0, 0, 0, 1, 4, 1, 96, 0, 0, 3, 2, 1, 0, 10, 20, 1, 18, 0, 65, 0, 253, 17, 65, 0, 253, 17, 65, 0, 253, 17, 253, 133, 2, 26, 11,
+]);
+
 export function hasSimd(): boolean {
   return typeof WebAssembly === "object" && WebAssembly.validate(simdProbe);
+}
+
+export function hasRelaxedSimd(): boolean {
+  return typeof WebAssembly === "object" && WebAssembly.validate(relaxedProbe);
 }
 
 /** True where the code runs under Node rather than in a browser or a worker of one. */
@@ -25,6 +34,8 @@ export async function checkSupport(): Promise<Support> {
   const reasons: string[] = [];
   const wasmSimd = hasSimd();
   if (!wasmSimd) reasons.push("This browser has no WebAssembly SIMD. Chrome 91, Firefox 89 and Safari 16.4 were the first to have it.");
+  const wasmRelaxedSimd = hasRelaxedSimd();
+  if (wasmSimd && !wasmRelaxedSimd) reasons.push(`${isNode() ? "This Node" : "This browser"} has no relaxed SIMD; the plain build of the engine is used. Chrome 114, Firefox 146 and Safari 27.3 were the first to have it.`);
   const worker = typeof Worker === "function";
   if (!worker && !isNode()) reasons.push("This browser has no module workers; the page will stutter while a picture is processed.");
   const secureContext = isNode() || globalThis.isSecureContext === true;
@@ -40,5 +51,5 @@ export async function checkSupport(): Promise<Support> {
     }
   }
   if (!webgpu) reasons.push("WebGPU is not available; the CPU is used.");
-  return { ok: wasmSimd, wasmSimd, webgpu, worker, camera, secureContext, reasons };
+  return { ok: wasmSimd, wasmSimd, wasmRelaxedSimd, webgpu, worker, camera, secureContext, reasons };
 }

@@ -19,7 +19,7 @@ export async function readFrames(folder, list) {
 /** `cameraFromWorld` of each frame by the package in this folder, `null` where it is not located. */
 export async function posesUnderNode(packageFolder, scene, frames, camera) {
   const { Relocalizer } = await import(pathToFileURL(join(packageFolder, "index.js")));
-  const relocalizer = await Relocalizer.create({ scene, device: "cpu" });
+  const relocalizer = await Relocalizer.create({ scene, device: "cpu", build: "plain" });
   const poses = [];
   for (const frame of frames) {
     const { placement } = await relocalizer.locate(frame, { intrinsics: camera });
@@ -29,12 +29,12 @@ export async function posesUnderNode(packageFolder, scene, frames, camera) {
   return poses;
 }
 
-/** The same in a page of the staged site; `scene` is the scene's path on that site. */
-export async function posesInChromium(page, scene, frames, camera) {
-  await page.evaluate(async (scene) => {
+/** The same in a page of the staged site, by a build of the engine; `scene` is the scene's path on that site. */
+export async function posesInChromium(page, scene, frames, camera, build = "plain") {
+  await page.evaluate(async ({ scene, build }) => {
     const { Relocalizer } = await import("/vendor/landline/index.js");
-    globalThis.relocalizer = await Relocalizer.create({ scene, device: "cpu" });
-  }, scene);
+    globalThis.relocalizer = await Relocalizer.create({ scene, device: "cpu", build });
+  }, { scene, build });
   const poses = [];
   for (const { data, ...frame } of frames) {
     const pose = await page.evaluate(
@@ -63,6 +63,19 @@ export function accuracy(poses, list) {
     return pose ? Math.hypot(...center(pose).map((v, k) => v - truth[k])) : Infinity;
   });
   return { located: poses.filter(Boolean).length, medianMm: 1000 * median(errors) };
+}
+
+/** Largest distance of the camera in millimetres and largest angle in degrees between poses of the same pictures. */
+export function apart(a, b) {
+  const each = a.map((pose, i) => {
+    if (!pose || !b[i]) return pose === b[i] ? [0, 0] : [Infinity, Infinity];
+    const [p, q] = [center(pose), center(b[i])];
+    // The angle by the length of the difference of rotations, which small angles do not drown in rounding.
+    const squares = [0, 1, 2].flatMap((r) => [0, 1, 2].map((c) => (pose[4 * r + c] - b[i][4 * r + c]) ** 2));
+    const angle = 2 * Math.asin(Math.min(1, Math.sqrt(squares.reduce((sum, v) => sum + v, 0) / 8)));
+    return [1000 * Math.hypot(...p.map((v, k) => v - q[k])), (180 / Math.PI) * angle];
+  });
+  return { mm: Math.max(...each.map(([mm]) => mm)), deg: Math.max(...each.map(([, deg]) => deg)) };
 }
 
 /** Largest difference between entries of two poses of one picture; infinite where only one of them is there. */

@@ -17,7 +17,7 @@ pub(crate) mod neon;
 ))]
 pub(crate) mod plain;
 #[cfg(all(target_arch = "wasm32", target_feature = "simd128"))]
-mod simd128;
+pub(crate) mod simd128;
 #[cfg(target_arch = "x86_64")]
 pub(crate) mod x86;
 
@@ -49,6 +49,10 @@ pub enum Level {
     /// 4 lanes with fused multiply-add.
     #[cfg(target_arch = "aarch64")]
     Neon,
+    /// 4 lanes with the multiply-add of relaxed SIMD: fused where the processor can. Only in builds with the feature
+    /// `relaxed-simd`, which do not load elsewhere.
+    #[cfg(all(target_arch = "wasm32", feature = "relaxed-simd"))]
+    Relaxed,
 }
 
 impl Default for Level {
@@ -77,6 +81,8 @@ impl Level {
         }
         #[cfg(target_arch = "aarch64")]
         levels.push(Self::Neon);
+        #[cfg(all(target_arch = "wasm32", feature = "relaxed-simd"))]
+        levels.push(Self::Relaxed);
         levels
     }
 
@@ -90,10 +96,13 @@ impl Level {
             Self::Avx512 => "avx512",
             #[cfg(target_arch = "aarch64")]
             Self::Neon => "neon",
+            #[cfg(all(target_arch = "wasm32", feature = "relaxed-simd"))]
+            Self::Relaxed => "relaxed",
         }
     }
 
-    /// The vector instructions behind it: `none`, `sse2`, `avx2`, `avx512f`, `neon` or `simd128`.
+    /// The vector instructions behind it: `none`, `sse2`, `avx2`, `avx512f`, `neon`, `simd128` or
+    /// `relaxed-simd`.
     pub fn instructions(self) -> &'static str {
         match self {
             Self::Portable => Portable::INSTRUCTIONS,
@@ -103,6 +112,8 @@ impl Level {
             Self::Avx512 => x86::Avx512::INSTRUCTIONS,
             #[cfg(target_arch = "aarch64")]
             Self::Neon => neon::Neon::INSTRUCTIONS,
+            #[cfg(all(target_arch = "wasm32", feature = "relaxed-simd"))]
+            Self::Relaxed => simd128::Relaxed::INSTRUCTIONS,
         }
     }
 
@@ -116,6 +127,8 @@ impl Level {
             Self::Avx512 => x86::Avx512::LANES,
             #[cfg(target_arch = "aarch64")]
             Self::Neon => neon::Neon::LANES,
+            #[cfg(all(target_arch = "wasm32", feature = "relaxed-simd"))]
+            Self::Relaxed => simd128::Relaxed::LANES,
         }
     }
 }
@@ -138,6 +151,11 @@ macro_rules! entry {
             fn avx512($($arg: $type),*) {
                 $generic::<Avx512>($($arg),*);
             }
+            #[cfg(all(target_arch = "wasm32", feature = "relaxed-simd"))]
+            #[target_feature(enable = "relaxed-simd")]
+            fn relaxed($($arg: $type),*) {
+                $generic::<$crate::simd::kernels::simd128::Relaxed>($($arg),*);
+            }
             match level {
                 Level::Portable => $generic::<Portable>($($arg),*),
                 #[cfg(target_arch = "x86_64")]
@@ -148,6 +166,8 @@ macro_rules! entry {
                 Level::Avx512 => unsafe { avx512($($arg),*) },
                 #[cfg(target_arch = "aarch64")]
                 Level::Neon => $generic::<$crate::simd::kernels::neon::Neon>($($arg),*),
+                #[cfg(all(target_arch = "wasm32", feature = "relaxed-simd"))]
+                Level::Relaxed => relaxed($($arg),*),
             }
         }
     };

@@ -1,14 +1,20 @@
-//! The 128-bit vectors of WebAssembly.
+//! The 128-bit vectors of WebAssembly, with and without the fused multiply-add of relaxed SIMD.
 use std::arch::wasm32::*;
 
 use super::Lanes;
 
-/// Four numbers.
+/// Four numbers; `FUSED` where products are added before they are rounded.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Simd128(v128);
+pub(crate) struct Vector<const FUSED: bool>(v128);
 
-impl Lanes for Simd128 {
-    const INSTRUCTIONS: &'static str = "simd128";
+/// For the portable level.
+pub(crate) type Simd128 = Vector<false>;
+/// With fused multiply-add.
+#[cfg(feature = "relaxed-simd")]
+pub(crate) type Relaxed = Vector<true>;
+
+impl<const FUSED: bool> Lanes for Vector<FUSED> {
+    const INSTRUCTIONS: &'static str = if FUSED { "relaxed-simd" } else { "simd128" };
     const LANES: usize = 4;
     // V8 on x86-64 has 15 vector registers to give: 8 accumulators, 2 of the matrix and the broadcasts fit.
     const TILE_ROWS: usize = 4;
@@ -55,6 +61,10 @@ impl Lanes for Simd128 {
     }
     #[inline(always)]
     fn mul_add(self, a: Self, b: Self) -> Self {
+        #[cfg(feature = "relaxed-simd")]
+        if FUSED {
+            return Self(f32x4_relaxed_madd(a.0, b.0, self.0));
+        }
         Self(f32x4_add(self.0, f32x4_mul(a.0, b.0)))
     }
     // The `p` forms are one instruction on x86; they differ only for NaN and the sign of zero.

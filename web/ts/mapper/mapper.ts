@@ -65,7 +65,7 @@ export class Mapper extends EventTarget {
     const common = { onProgress, fetch, stallTimeoutMs, signal: stop.signal };
     const loadExtractor = (): Promise<Loaded> => load(options.extractor ?? new URL("../xfeat.safetensors", import.meta.url), { ...common, cache, file: "extractor", integrity: integrity?.extractor });
     try {
-      let [module, extractor] = await Promise.all([loadEngine({ ...common, wasm: options.wasm ?? packagedMapperWasmUrl() }), loadExtractor()]).catch((error: unknown) => {
+      let [{ module }, extractor] = await Promise.all([loadEngine({ ...common, wasm: options.wasm ?? packagedMapperWasmUrl() }), loadExtractor()]).catch((error: unknown) => {
         stop.abort(error);
         throw error;
       });
@@ -91,7 +91,7 @@ export class Mapper extends EventTarget {
         }
         signal?.throwIfAborted();
         await extractor.keep();
-        onProgress?.({ status: "ready", backend: "cpu", backendReason: "the mapper runs on the CPU" });
+        onProgress?.({ status: "ready", backend: "cpu", backendReason: "the mapper runs on the CPU", build: "plain", buildReason: "the mapper has one build" });
         return mapper;
       } catch (error) {
         await mapper.dispose();

@@ -1,17 +1,18 @@
-//! Which instruction sets the shipped binary needs: exactly those that `build.json` declares.
+//! Which instruction sets the shipped binary needs: exactly those that `build.json` declares, of relaxed SIMD to the instruction.
 
-use super::config::Proposals;
+use super::config::Build;
 use anyhow::{Result, bail};
-use wasmparser::{Validator, WasmFeatures};
+use std::collections::BTreeSet;
+use wasmparser::{Operator, Parser, Payload, Validator, WasmFeatures};
 
 /// Validates the binary with the declared proposals, and finds it invalid without each required one.
 ///
 /// # Errors
 ///
 /// When the binary needs more, or lacks what it must use.
-pub(super) fn check(wasm: &[u8], proposals: &Proposals) -> Result<()> {
+pub(super) fn check(wasm: &[u8], build: &Build, allowed: &[String]) -> Result<()> {
     let mut declared = base();
-    for name in proposals.required.iter().chain(&proposals.allowed) {
+    for name in build.required.iter().chain(allowed) {
         declared |= feature(name)?;
     }
     if let Err(error) = validate(wasm, declared) {
@@ -19,18 +20,65 @@ pub(super) fn check(wasm: &[u8], proposals: &Proposals) -> Result<()> {
             "the wasm binary needs an instruction set that pkg-config/build.json does not declare: {error}"
         );
     }
-    for name in &proposals.required {
+    for name in &build.required {
         if validate(wasm, declared - feature(name)?).is_ok() {
             bail!(
                 "the wasm binary does not use {name}, which pkg-config/build.json requires: did the build lose its flags?"
             );
         }
     }
+    let found = relaxed(wasm)?;
+    let wanted: BTreeSet<&str> = build.relaxed.iter().map(String::as_str).collect();
+    if found != wanted {
+        bail!(
+            "of relaxed SIMD the wasm binary uses {found:?}; pkg-config/build.json declares {wanted:?}"
+        );
+    }
     println!(
-        "web     instruction sets: {} used, nothing undeclared",
-        proposals.required.join(", ")
+        "web     {}: {} used, nothing undeclared",
+        build.out_name,
+        build.required.join(", ")
     );
     Ok(())
+}
+
+/// The instructions of relaxed SIMD that a binary uses.
+fn relaxed(wasm: &[u8]) -> Result<BTreeSet<&'static str>> {
+    let mut found = BTreeSet::new();
+    for payload in Parser::new(0).parse_all(wasm) {
+        if let Payload::CodeSectionEntry(body) = payload? {
+            for operator in body.get_operators_reader()? {
+                found.extend(relaxed_name(&operator?));
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// The name of an instruction of relaxed SIMD.
+fn relaxed_name(operator: &Operator<'_>) -> Option<&'static str> {
+    Some(match operator {
+        Operator::F32x4RelaxedMadd => "f32x4.relaxed_madd",
+        Operator::F32x4RelaxedNmadd => "f32x4.relaxed_nmadd",
+        Operator::F64x2RelaxedMadd => "f64x2.relaxed_madd",
+        Operator::F64x2RelaxedNmadd => "f64x2.relaxed_nmadd",
+        Operator::F32x4RelaxedMin | Operator::F32x4RelaxedMax => "f32x4.relaxed_min or max",
+        Operator::F64x2RelaxedMin | Operator::F64x2RelaxedMax => "f64x2.relaxed_min or max",
+        Operator::I8x16RelaxedSwizzle => "i8x16.relaxed_swizzle",
+        Operator::I32x4RelaxedTruncF32x4S
+        | Operator::I32x4RelaxedTruncF32x4U
+        | Operator::I32x4RelaxedTruncF64x2SZero
+        | Operator::I32x4RelaxedTruncF64x2UZero => "i32x4.relaxed_trunc",
+        Operator::I8x16RelaxedLaneselect
+        | Operator::I16x8RelaxedLaneselect
+        | Operator::I32x4RelaxedLaneselect
+        | Operator::I64x2RelaxedLaneselect => "relaxed_laneselect",
+        Operator::I16x8RelaxedQ15mulrS => "i16x8.relaxed_q15mulr_s",
+        Operator::I16x8RelaxedDotI8x16I7x16S | Operator::I32x4RelaxedDotI8x16I7x16AddS => {
+            "relaxed_dot"
+        }
+        _ => return None,
+    })
 }
 
 fn validate(wasm: &[u8], features: WasmFeatures) -> Result<(), wasmparser::BinaryReaderError> {
@@ -66,12 +114,18 @@ fn feature(name: &str) -> Result<WasmFeatures> {
 mod tests {
     use super::*;
 
-    fn proposals(required: &[&str], allowed: &[&str]) -> Proposals {
-        let owned = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
-        Proposals {
+    fn owned(names: &[&str]) -> Vec<String> {
+        names.iter().map(|name| (*name).to_owned()).collect()
+    }
+
+    /// Checks a binary that must use some proposals, may use others, and uses some instructions of relaxed SIMD.
+    fn verdict(wasm: &[u8], required: &[&str], allowed: &[&str], relaxed: &[&str]) -> Result<()> {
+        let build = Build {
             required: owned(required),
-            allowed: owned(allowed),
-        }
+            relaxed: owned(relaxed),
+            ..Build::default()
+        };
+        check(wasm, &build, &owned(allowed))
     }
 
     /// A module with one function; `body` is its code without the final `end`.
@@ -96,7 +150,7 @@ mod tests {
     #[test]
     fn accepts_a_binary_that_uses_what_it_must() {
         assert!(
-            check(&simd(), &proposals(&["simd"], &[])).is_ok(),
+            verdict(&simd(), &["simd"], &[], &[]).is_ok(),
             "simd is required and there"
         );
     }
@@ -105,11 +159,11 @@ mod tests {
     fn refuses_a_binary_that_lost_its_simd() {
         let plain = module(&[]);
         assert!(
-            check(&plain, &proposals(&["simd"], &[])).is_err(),
+            verdict(&plain, &["simd"], &[], &[]).is_err(),
             "no vector instruction"
         );
         assert!(
-            check(&plain, &proposals(&[], &["simd"])).is_ok(),
+            verdict(&plain, &[], &["simd"], &[]).is_ok(),
             "allowed is not required"
         );
     }
@@ -117,16 +171,41 @@ mod tests {
     #[test]
     fn refuses_an_undeclared_instruction_set() {
         assert!(
-            check(&simd(), &proposals(&[], &["bulk-memory"])).is_err(),
+            verdict(&simd(), &[], &["bulk-memory"], &[]).is_err(),
             "simd is not declared"
         );
     }
 
     #[test]
-    fn refuses_an_unknown_name() {
+    fn tells_instructions_of_relaxed_simd_apart() {
+        // Three constants, `f32x4.relaxed_madd` or `f64x2.relaxed_madd`, `drop`.
+        let fused = |code: u8| {
+            let mut body = Vec::new();
+            for _ in 0..3 {
+                body.extend([0xfd, 0x0c]);
+                body.extend([0; 16]);
+            }
+            body.extend([0xfd, code, 0x02, 0x1a]);
+            module(&body)
+        };
+        let required = ["simd", "relaxed-simd"];
+        let of_networks = ["f32x4.relaxed_madd"];
         assert!(
-            check(&simd(), &proposals(&["smid"], &[])).is_err(),
-            "misspelt"
+            verdict(&fused(0x85), &required, &[], &of_networks).is_ok(),
+            "declared"
         );
+        assert!(
+            verdict(&fused(0x85), &required, &[], &[]).is_err(),
+            "not declared"
+        );
+        assert!(
+            verdict(&fused(0x87), &required, &[], &of_networks).is_err(),
+            "double precision must not differ between builds"
+        );
+    }
+
+    #[test]
+    fn refuses_an_unknown_name() {
+        assert!(verdict(&simd(), &["smid"], &[], &[]).is_err(), "misspelt");
     }
 }

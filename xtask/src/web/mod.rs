@@ -1,6 +1,6 @@
 //! `cargo xtask web`: from the crates and `web/ts` to the packed npm package and the staged demo page.
 //!
-//! cargo build → wasm-bindgen → wasm-opt → checks of the binary → tsc → `dist/npm/landline` → npm pack → `dist/site`
+//! For each build: cargo build → wasm-bindgen → wasm-opt → checks of the binary; then tsc → `dist/npm/landline` → npm pack → `dist/site`
 
 pub(crate) mod api;
 mod binary;
@@ -11,8 +11,9 @@ pub(crate) mod size;
 mod wasm;
 
 use crate::{paths, setup};
-use anyhow::Result;
-use config::{Artefact, BuildConfig};
+use anyhow::{Result, anyhow, bail};
+use config::{Build, BuildConfig};
+use std::path::PathBuf;
 
 pub(crate) use package::{tarball, workspace_value};
 
@@ -41,10 +42,25 @@ pub(crate) fn build() -> Result<()> {
     let tools = setup::web_tools()?;
     let weights = setup::weights()?;
     let config: BuildConfig = crate::pins::json("pkg-config/build.json")?;
-    for artefact in &config.artefacts {
-        let dir = paths::bindgen().join(&artefact.folder);
-        let wasm = wasm::build(&config, artefact, &tools, &dir)?;
-        binary::check(&std::fs::read(&wasm)?, &config.proposals)?;
+    std::thread::scope(|scope| -> Result<()> {
+        let mut finishing = Vec::new();
+        for build in &config.builds {
+            let raw = wasm::compile(&config, build)?;
+            let (config, tools) = (&config, &tools);
+            // wasm-opt spends half of its time on one core: the next build is compiled meanwhile.
+            finishing.push(scope.spawn(move || -> Result<()> {
+                let wasm = wasm::finish(config, build, tools, &raw, &folder(build))?;
+                binary::check(&std::fs::read(&wasm)?, build, &config.allowed)
+            }));
+        }
+        for work in finishing {
+            work.join()
+                .map_err(|_| anyhow!("wasm-bindgen or wasm-opt could not be run"))??;
+        }
+        Ok(())
+    })?;
+    for build in &config.builds {
+        same_glue(build)?;
     }
     let scripts = package::compile_scripts()?;
     package::assemble(&config, &scripts, &weights)?;
@@ -62,13 +78,37 @@ fn bench() -> Result<()> {
         crate_name: "landline-bench".to_owned(),
         ..crate::pins::json("pkg-config/build.json")?
     };
-    let artefact = Artefact {
+    let build = Build {
         out_name: "landline_bench".to_owned(),
-        folder: String::new(),
-        feature: String::new(),
+        ..Build::default()
     };
     let dir = paths::root().join("target/web/bench");
-    wasm::build(&config, &artefact, &tools, &dir)?;
+    let raw = wasm::compile(&config, &build)?;
+    wasm::finish(&config, &build, &tools, &raw, &dir)?;
     println!("web     for benches: {}", dir.display());
+    Ok(())
+}
+
+/// Where the binary of a build and its glue are put. A build that shares another one's glue has a folder of its own.
+fn folder(build: &Build) -> PathBuf {
+    match &build.glue_of {
+        None => paths::bindgen().join(&build.folder),
+        Some(_) => paths::bindgen().join(&build.out_name),
+    }
+}
+
+/// A build that is loaded with the script of another one has to have the same.
+fn same_glue(build: &Build) -> Result<()> {
+    let Some(other) = &build.glue_of else {
+        return Ok(());
+    };
+    let script = format!("{other}.js");
+    let own = std::fs::read(folder(build).join(&script))?;
+    if own != std::fs::read(paths::bindgen().join(&build.folder).join(&script))? {
+        bail!(
+            "the script of the build {} is not that of {other}: they cannot share it",
+            build.out_name
+        );
+    }
     Ok(())
 }

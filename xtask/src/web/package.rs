@@ -32,14 +32,16 @@ pub(super) fn assemble(config: &BuildConfig, scripts: &Path, weights: &Weights) 
     }
     fs::create_dir_all(&scratch)?;
     copy_tree(scripts, &scratch)?;
-    for artefact in &config.artefacts {
-        let (from, to) = (
-            paths::bindgen().join(&artefact.folder),
-            scratch.join(&artefact.folder),
-        );
-        for ending in [".js", ".d.ts", "_bg.wasm"] {
-            let name = format!("{}{ending}", artefact.out_name);
-            copy(&from.join(&name), &to.join(&name))?;
+    for build in &config.builds {
+        let (from, to) = (super::folder(build), scratch.join(&build.folder));
+        let endings: &[&str] = match build.glue_of {
+            None => &[".js", ".d.ts", "_bg.wasm"],
+            Some(_) => &["_bg.wasm"],
+        };
+        for ending in endings {
+            let own = format!("{}{ending}", build.glue());
+            let name = format!("{}{ending}", build.out_name);
+            copy(&from.join(own), &to.join(name))?;
         }
     }
     for name in ["LICENSE-MIT", "LICENSE-APACHE"] {

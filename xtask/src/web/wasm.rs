@@ -1,6 +1,6 @@
 //! The wasm binary: cargo, wasm-bindgen, wasm-opt.
 
-use super::config::{Artefact, BuildConfig};
+use super::config::{Build, BuildConfig};
 use crate::files::files;
 use crate::setup::{WebTools, node_tool};
 use crate::{paths, shell};
@@ -9,16 +9,11 @@ use sha2::{Digest as _, Sha256};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Builds the binary into a folder and returns its path; the glue lies beside it.
-pub(super) fn build(
-    config: &BuildConfig,
-    artefact: &Artefact,
-    tools: &WebTools,
-    dir: &Path,
-) -> Result<PathBuf> {
+/// Has cargo build the binary; returns where it was put, since the next build's has the same name for cargo.
+pub(super) fn compile(config: &BuildConfig, build: &Build) -> Result<PathBuf> {
     println!(
         "web     cargo builds {} for {} ({}, profile {})",
-        config.crate_name, artefact.out_name, config.target, config.profile
+        config.crate_name, build.out_name, config.target, config.profile
     );
     let mut flags = config.rustflags.clone();
     // Panic messages carry source paths; these say nothing of the machine that built them.
@@ -37,23 +32,37 @@ pub(super) fn build(
             &config.profile,
         ])
         .args(["--target", &config.target]);
-    if !artefact.feature.is_empty() {
-        cargo.args(["--no-default-features", "--features", &artefact.feature]);
+    if !build.features.is_empty() {
+        cargo.args(["--no-default-features", "--features"]);
+        cargo.arg(build.features.join(","));
     }
     cargo
         .env_remove("RUSTFLAGS")
         .env("CARGO_ENCODED_RUSTFLAGS", flags.join("\u{1f}"));
     shell::run(&mut cargo)?;
-    let raw = paths::target()
-        .join(&config.target)
-        .join(&config.profile)
-        .join(format!("{}.wasm", config.crate_name.replace('-', "_")));
+    let folder = paths::target().join(&config.target).join(&config.profile);
+    let built = folder.join(format!("{}.wasm", config.crate_name.replace('-', "_")));
+    let raw = folder.join(format!("{}.raw.wasm", build.out_name));
+    fs::copy(&built, &raw).with_context(|| format!("cargo left no {}", built.display()))?;
+    Ok(raw)
+}
 
-    let out = dir.join(format!("{}_bg.wasm", artefact.out_name));
-    let key = key(config, tools, &raw)?;
+/// Binds and optimises what cargo built into a folder and returns its path; the glue lies beside it.
+pub(super) fn finish(
+    config: &BuildConfig,
+    build: &Build,
+    tools: &WebTools,
+    raw: &Path,
+    dir: &Path,
+) -> Result<PathBuf> {
+    let name = &build.out_name;
+    let file = format!("{}_bg.wasm", build.glue());
+    let out = dir.join(&file);
+    let flags: Vec<&String> = config.wasm_opt.iter().chain(&build.wasm_opt).collect();
+    let key = key(&flags, tools, raw)?;
     let stamp = dir.join("built-from");
     if out.is_file() && fs::read_to_string(&stamp).is_ok_and(|text| text == key) {
-        println!("web     wasm-bindgen, wasm-opt: up to date");
+        println!("web     {name}: wasm-bindgen, wasm-opt: up to date");
         return Ok(out);
     }
 
@@ -61,7 +70,7 @@ pub(super) fn build(
     if stamp.exists() {
         fs::remove_file(&stamp)?;
     }
-    println!("web     wasm-bindgen");
+    println!("web     {name}: wasm-bindgen");
     let scratch = dir.with_extension("tmp");
     if scratch.exists() {
         fs::remove_dir_all(&scratch)?;
@@ -73,25 +82,21 @@ pub(super) fn build(
             "web",
             "--remove-producers-section",
             "--out-name",
-            &artefact.out_name,
+            build.glue(),
             "--out-dir",
         ])
         .arg(&scratch)
-        .arg(&raw);
+        .arg(raw);
     shell::run(&mut bindgen)?;
 
     println!(
-        "web     wasm-opt {}",
+        "web     {name}: wasm-opt {}",
         config.wasm_opt.first().map_or("", String::as_str)
     );
-    let bound = scratch.join(format!("{}_bg.wasm", artefact.out_name));
+    let bound = scratch.join(&file);
     let optimized = scratch.join("optimized.wasm");
     let mut wasm_opt = node_tool("binaryen/bin/wasm-opt");
-    wasm_opt
-        .args(&config.wasm_opt)
-        .arg(&bound)
-        .arg("-o")
-        .arg(&optimized);
+    wasm_opt.args(&flags).arg(&bound).arg("-o").arg(&optimized);
     shell::output(&mut wasm_opt)?;
     fs::rename(&optimized, &bound).context("wasm-opt left no output")?;
     paths::write(&scratch.join("built-from"), key.as_bytes())?;
@@ -107,10 +112,13 @@ pub(super) fn build(
 }
 
 /// Hash of everything the two tools' output depends on.
-fn key(config: &BuildConfig, tools: &WebTools, raw: &PathBuf) -> Result<String> {
+fn key(wasm_opt: &[&String], tools: &WebTools, raw: &Path) -> Result<String> {
     let mut hash = Sha256::new();
     hash.update(fs::read(raw).with_context(|| format!("cargo left no {}", raw.display()))?);
-    hash.update(config.wasm_opt.join("\n"));
+    for flag in wasm_opt {
+        hash.update(flag);
+        hash.update("\n");
+    }
     hash.update(&tools.node.lock_hash);
     hash.update(tools.wasm_bindgen.cli.to_string_lossy().as_bytes());
     Ok(hash

@@ -277,6 +277,10 @@ pub(super) unsafe fn run_tile<L: Lanes>(rows: usize, narrow: bool, tile: &Tile) 
 /// As for [`micro`], for all rows.
 #[cfg_attr(target_arch = "wasm32", inline(never))]
 #[cfg_attr(not(target_arch = "wasm32"), inline(always))]
+#[cfg_attr(
+    all(target_arch = "wasm32", feature = "relaxed-simd"),
+    target_feature(enable = "relaxed-simd")
+)]
 pub(super) unsafe fn run_panel<L: Lanes>(rows: usize, narrow: bool, tile: &Tile) {
     let most = if narrow {
         L::NARROW_TILE_ROWS

@@ -2,7 +2,7 @@
 //!
 //! Each kernel is generic over a vector type (`crate::simd`) and compiled for every instruction set of the target; the level
 //! is chosen once, when an executor is made. Natively the levels are AVX-512, AVX2 with FMA, NEON with FMA, and the portable one;
-//! in wasm there is the portable one only, by simd128.
+//! in wasm the portable one by simd128, and in builds with the feature `relaxed-simd` one with its multiply-add.
 #![expect(
     unsafe_code,
     reason = "vector instructions and unchecked tile accesses; sizes are asserted before each loop"

@@ -16,6 +16,7 @@ use landline::pose::{Focal, Gravity, PoseOptions, PoseScratch, estimate};
 use landline_testkit::{PoseScene, PoseSceneParams, pose_scene};
 use nalgebra::{Vector2, Vector3};
 use std::hint::black_box;
+use std::time::Instant;
 
 const NUM_SAMPLES: usize = 1000;
 
@@ -186,5 +187,42 @@ fn estimates(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, solvers, estimates);
+/// What a budget of 20 ms makes of many correspondences: the time of the call, by a real clock.
+fn budgets(c: &mut Criterion) {
+    let mut group = c.benchmark_group("a budget of 20 ms");
+    group.sample_size(10);
+    let options = PoseOptions {
+        time_budget_ms: Some(20.0),
+        ..PoseOptions::default()
+    };
+    for num_points in [1000, 10_000, 100_000, 1_000_000] {
+        // Nothing is right, so that only the budget ends the search.
+        let params = PoseSceneParams {
+            num_points,
+            inlier_share: 0.0,
+            ..PoseSceneParams::default()
+        };
+        let room = pose_scene(&params, 1);
+        let mut scratch = PoseScratch::new();
+        group.bench_function(format!("{num_points} points, none right"), |b| {
+            b.iter(|| {
+                let start = Instant::now();
+                let mut clock = || 1e3 * start.elapsed().as_secs_f64();
+                let (points, lines) = (&room.points, &room.lines);
+                estimate(
+                    points,
+                    lines,
+                    &room.camera,
+                    &options,
+                    &mut scratch,
+                    &mut clock,
+                )
+                .map(|outcome| outcome.status)
+            });
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, solvers, estimates, budgets);
 criterion_main!(benches);

@@ -8,11 +8,12 @@
 //! confidence-weighted sampling, `composition` what each kind of sample is worth, `scoring` the truncated likelihood, `ransac`
 //! the search with local optimisation and stopping rule, `likelihood` and `refine` the heavy-tailed refinement, `soft` what is
 //! known besides, `covariance` what is known in the end,
-//! `mirror` whether the map is left-handed, `watch` the time budget.
+//! `mirror` whether the map is left-handed, `watch` the time budget, `budget_cap` how many correspondences it has room for.
 //! Invariants: deterministic by seed (the same bits on every target when no time budget is set); never a pose that is not
 //! finite; bad correspondences are dropped and counted.
 //! Cost: linear in correspondences times iterations; no allocation once the scratch has seen a problem of the size.
 
+mod budget_cap;
 mod composition;
 mod covariance;
 mod focal_belief;

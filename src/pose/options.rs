@@ -72,7 +72,8 @@ pub struct PoseOptions {
     pub max_iterations: u32,
     /// Samples drawn before the stopping rule is asked.
     pub min_iterations: u32,
-    /// Time budget of the whole call in milliseconds of the caller's clock; `None` for no limit.
+    /// Time budget of the whole call in milliseconds of the caller's clock; `None` for no limit. It bounds the number of
+    /// correspondences that are used too ([`super::PoseStats::num_left_out`]).
     pub time_budget_ms: Option<f64>,
     /// Same seed, same input, no time budget: same bits.
     pub seed: u64,

@@ -3,6 +3,7 @@
 //! World coordinates are shifted by the weighted median and divided by the median distance from it, so that neither map
 //! coordinates of 1e6 m nor a scene in millimetres cost accuracy. Pixels are undistorted and counted from the principal point.
 
+use super::budget_cap::{Cap, room};
 use super::options::PoseOptions;
 use super::types::{LineCorrespondence, PointCorrespondence};
 use crate::geometry::{CamFromWorld, Camera, Pixel};
@@ -127,6 +128,7 @@ pub(super) struct Problem {
     pub(super) null_line: f64,
     pub(super) num_invalid: u32,
     pub(super) num_outside_view: u32,
+    pub(super) num_left_out: u32,
     /// How many sets of alternatives there are among points and lines.
     pub(super) num_alternatives: u32,
     /// Share of the correspondences that have alternatives.
@@ -134,6 +136,7 @@ pub(super) struct Problem {
     pairs: Vec<(f64, f64)>,
     distances: Vec<f64>,
     order: Vec<u32>,
+    cap: Cap,
 }
 
 /// Correspondences with the same pixels are alternatives: a keypoint shows one thing. Given that, the prior of each is its share
@@ -187,6 +190,39 @@ fn is_finite(v: &Vector3<f64>) -> bool {
     v.amax() < 1e100
 }
 
+fn is_usable_point(p: &PointCorrespondence) -> bool {
+    p.pixel.x.is_finite()
+        && p.pixel.y.is_finite()
+        && is_finite(&p.point_in_world)
+        && is_confidence(p.confidence)
+        && is_sigma(p.sigma_m)
+        && is_sigma(p.sigma_px)
+}
+
+fn is_usable_line(l: &LineCorrespondence) -> bool {
+    l.start.x.is_finite()
+        && l.start.y.is_finite()
+        && l.end.x.is_finite()
+        && l.end.y.is_finite()
+        && is_finite(&l.start_in_world)
+        && is_finite(&l.end_in_world)
+        && is_confidence(l.confidence)
+        && is_sigma(l.sigma_m)
+        && is_sigma(l.sigma_px)
+        && (l.end_in_world - l.start_in_world).norm() > 0.0
+}
+
+/// Index and confidence of what can be used and counts: a confidence of exactly zero takes a correspondence out.
+fn weighed<'a, T>(
+    items: &'a [T],
+    is_usable: fn(&T) -> bool,
+    confidence: fn(&T) -> f32,
+) -> impl Iterator<Item = (u32, f32)> + 'a {
+    let counts = move |(_, item): &(usize, &T)| is_usable(item) && confidence(item) > 0.0;
+    let all = items.iter().enumerate().filter(counts);
+    all.map(move |(i, item)| (i as u32, confidence(item)))
+}
+
 impl Problem {
     /// Takes over what is usable of the input.
     pub(super) fn load(
@@ -200,6 +236,8 @@ impl Problem {
         self.lines.clear();
         self.num_invalid = 0;
         self.num_outside_view = 0;
+        self.num_left_out = 0;
+        let room = room(options.time_budget_ms);
         (self.fx, self.fy) = camera.focal_px();
         let (w, h) = (f64::from(camera.width), f64::from(camera.height));
         self.ln_null_point = -ln(w * h);
@@ -224,19 +262,20 @@ impl Problem {
                 options.sigma_px
             }
         };
+        if points.len() > room {
+            let usable = weighed(points, is_usable_point, |p| p.confidence);
+            self.num_left_out += self.cap.choose(room, usable);
+        }
+        let are_all_points_kept = points.len() <= room;
         for (i, p) in points.iter().enumerate() {
-            if !(p.pixel.x.is_finite()
-                && p.pixel.y.is_finite()
-                && is_finite(&p.point_in_world)
-                && is_confidence(p.confidence)
-                && is_sigma(p.sigma_m)
-                && is_sigma(p.sigma_px))
-            {
+            if !is_usable_point(p) {
                 self.num_invalid += 1;
                 continue;
             }
             // A confidence of exactly zero takes the correspondence out.
-            if p.confidence == 0.0 {
+            if p.confidence == 0.0
+                || !(are_all_points_kept || self.cap.keeps(i as u32, p.confidence))
+            {
                 continue;
             }
             let Some(uv) = centered(p.pixel) else {
@@ -252,29 +291,26 @@ impl Problem {
                 source: i as u32,
             });
         }
+        if lines.len() > room {
+            let usable = weighed(lines, is_usable_line, |l| l.confidence);
+            self.num_left_out += self.cap.choose(room, usable);
+        }
+        let are_all_lines_kept = lines.len() <= room;
         for (i, l) in lines.iter().enumerate() {
-            let length = (l.end_in_world - l.start_in_world).norm();
-            if !(l.start.x.is_finite()
-                && l.start.y.is_finite()
-                && l.end.x.is_finite()
-                && l.end.y.is_finite()
-                && is_finite(&l.start_in_world)
-                && is_finite(&l.end_in_world)
-                && is_confidence(l.confidence)
-                && is_sigma(l.sigma_m)
-                && is_sigma(l.sigma_px)
-                && length > 0.0)
-            {
+            if !is_usable_line(l) {
                 self.num_invalid += 1;
                 continue;
             }
-            if l.confidence == 0.0 {
+            if l.confidence == 0.0
+                || !(are_all_lines_kept || self.cap.keeps(i as u32, l.confidence))
+            {
                 continue;
             }
             let (Some(a), Some(b)) = (centered(l.start), centered(l.end)) else {
                 self.num_outside_view += 1;
                 continue;
             };
+            let length = (l.end_in_world - l.start_in_world).norm();
             let length_px = (b - a).norm();
             if !(length_px > 0.5) {
                 self.num_invalid += 1;

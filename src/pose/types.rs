@@ -141,6 +141,9 @@ pub struct PoseStats {
     pub num_invalid: u32,
     /// Correspondences dropped because their pixel has no bearing within 80 degrees of the optical axis.
     pub num_outside_view: u32,
+    /// Correspondences that the time budget had no room for: those with the least confidence of more than 400 points (or lines)
+    /// a millisecond, but of more than 2000. 0 without a budget.
+    pub num_left_out: u32,
 }
 
 /// A pose and how well it is known.

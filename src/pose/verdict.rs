@@ -165,6 +165,7 @@ pub fn estimate(
     outcome.stats = PoseStats {
         num_invalid: outcome.stats.num_invalid,
         num_outside_view: outcome.stats.num_outside_view,
+        num_left_out: outcome.stats.num_left_out,
         ..stats
     };
     refine_finalists(scratch, options, &soft, &mut watch);
@@ -264,6 +265,7 @@ fn begin(
         stats: PoseStats {
             num_invalid: scratch.problem.num_invalid,
             num_outside_view: scratch.problem.num_outside_view,
+            num_left_out: scratch.problem.num_left_out,
             ..PoseStats::default()
         },
     })

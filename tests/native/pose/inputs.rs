@@ -271,6 +271,42 @@ fn the_time_budget_is_kept() {
     }
 }
 
+/// Loading and refining take time in proportion to the size before a clock can end them: a budget bounds the size, by confidence.
+#[test]
+fn a_budget_uses_the_most_confident_of_a_hundred_thousand() {
+    let params = PoseSceneParams {
+        num_points: 100_000,
+        num_lines: 5000,
+        ..PoseSceneParams::default()
+    };
+    let mut scene = pose_scene(&params, 3);
+    let count = scene.points.len();
+    for (i, p) in scene.points.iter_mut().enumerate() {
+        // All different, in an order that has nothing to do with that of the list.
+        p.confidence = 0.1 + 0.8 * (i * 7919 % count) as f32 / count as f32;
+    }
+    let with_budget = PoseOptions {
+        time_budget_ms: Some(20.0),
+        ..PoseOptions::default()
+    };
+    let mut scratch = PoseScratch::new();
+    let outcome = solve_with(&scene, &with_budget, &mut scratch);
+    assert_eq!(outcome.status, PoseStatus::Ok);
+    assert_eq!(outcome.stats.num_left_out, 92_000);
+    let num_used = scratch.point_posteriors().iter().filter(|p| **p > 0.0);
+    assert!(num_used.count() <= 8000);
+
+    // Work and result are those of the 8000 alone.
+    let mut by_confidence: Vec<f32> = scene.points.iter().map(|p| p.confidence).collect();
+    by_confidence.sort_by(f32::total_cmp);
+    let least = by_confidence[count - 8000];
+    scene.points.retain(|p| p.confidence >= least);
+    let mut alone = solve(&scene, &PoseOptions::default());
+    assert_eq!(alone.stats.num_left_out, 0);
+    alone.stats.num_left_out = outcome.stats.num_left_out;
+    assert_eq!(alone, outcome);
+}
+
 /// The items of two scenes seen by one camera; the confidences say nothing.
 fn merged(a: &PoseScene, b: &PoseScene) -> PoseScene {
     let mut scene = a.clone();

@@ -5,11 +5,15 @@
 //! verified without the model.
 
 use super::grow::{Attempt, Ground};
+use crate::geometry::CamFromWorld;
 use crate::math::parallel;
 use crate::reconstruction::{epipolar_distance, essential};
 
-/// A pair agrees with the model when this share of its matches does.
+/// A pair agrees with the model when this share of its matches does,
 const AGREEING_SHARE: f64 = 0.5;
+/// and the model turns from one to the other as the pair alone says, within so many degrees. Matches near their epipolar lines
+/// do not tell: of a stretch that lay 30 degrees off, half of those with its neighbours in time were.
+const MAX_TURN_DEG: f64 = 5.0;
 /// A part stays when the matches of contradicting pairs are at most this share of those of agreeing ones.
 const MAX_CONTRADICTION: f64 = 0.5;
 
@@ -40,32 +44,56 @@ fn judge(ground: &Ground<'_>, attempt: &Attempt) -> Vec<Judged> {
                 epipolar_distance(&e, &place(first, *k), &place(second, *l)) <= limit
             })
             .count();
+        let (from, to) = (&first.cam_from_world, &second.cam_from_world);
+        let own = CamFromWorld::new(
+            pair.geometry.b_from_a.rotation * from.rotation,
+            to.translation,
+        );
+        let turn = to.rotation_angle_to(&own);
         Some(Judged {
             a,
             b,
             num_matches: pair.matches.len(),
-            agrees: near as f64 >= AGREEING_SHARE * pair.matches.len() as f64,
+            agrees: near as f64 >= AGREEING_SHARE * pair.matches.len() as f64
+                && turn.to_degrees() <= MAX_TURN_DEG,
         })
     });
     judged.into_iter().flatten().collect()
 }
 
-/// Takes the poses from parts that the matches with the largest part contradict. How many pictures it were.
-///
-/// A part is what agreeing pairs hold together; in a video only pairs that are no loops do.
-pub(super) fn drop_contradicted(ground: &Ground<'_>, attempt: &mut Attempt) -> usize {
-    let judged = judge(ground, attempt);
+/// The part of each picture: of a video the stretches over whose every step more matches agree than contradict, of other pictures
+/// what agreeing pairs hold together.
+fn parts(ground: &Ground<'_>, judged: &[Judged]) -> Vec<usize> {
     let params = ground.params;
-    let mut part: Vec<usize> = (0..attempt.poses.len()).collect();
-    for pair in judged.iter().filter(|p| p.agrees) {
-        if params.candidates.is_video && pair.b - pair.a > params.loops.near {
-            continue;
+    let mut part: Vec<usize> = (0..ground.pictures.len()).collect();
+    if params.candidates.is_video {
+        let mut sides = vec![(0, 0); part.len()];
+        for pair in judged.iter().filter(|p| p.b - p.a <= params.loops.near) {
+            for (agreeing, contradicting) in &mut sides[pair.a..pair.b] {
+                *if pair.agrees { agreeing } else { contradicting } += pair.num_matches;
+            }
         }
+        for i in 1..part.len() {
+            let (agreeing, contradicting) = sides[i - 1];
+            if agreeing > contradicting {
+                part[i] = part[i - 1];
+            }
+        }
+        return part;
+    }
+    for pair in judged.iter().filter(|p| p.agrees) {
         let (from, to) = (part[pair.b], part[pair.a]);
         for p in part.iter_mut().filter(|p| **p == from) {
             *p = to;
         }
     }
+    part
+}
+
+/// Takes the poses from parts that the matches with the largest part contradict. How many pictures it were.
+pub(super) fn drop_contradicted(ground: &Ground<'_>, attempt: &mut Attempt) -> usize {
+    let judged = judge(ground, attempt);
+    let part = parts(ground, &judged);
     let mut sizes = vec![0usize; part.len()];
     for (i, p) in part.iter().enumerate() {
         sizes[*p] += usize::from(attempt.poses[i].is_some());

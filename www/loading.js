@@ -1,6 +1,7 @@
 /** Scenes: loading one, and what happens when that or a frame fails. */
 import { Relocalizer } from "landline";
 import { $ } from "./dom.js";
+import { firstFetch } from "./first.js";
 import { LoadBars, problem, sentence, showScene, status } from "./panels.js";
 import { markReady } from "./privacy.js";
 import { state, stopSource } from "./session.js";
@@ -40,6 +41,7 @@ export async function loadScene(scene, name, isSample, retry = () => loadScene(s
       device: state.device,
       smoothing: $("smoothing").value,
       signal: loading.signal,
+      fetch: firstFetch,
       onProgress: (event) => {
         bars.update(event);
         if (event.status === "prepare") $("empty-note").textContent = "Preparing the networks…";

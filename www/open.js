@@ -1,14 +1,13 @@
 /** The ways in: the sample, chosen or dropped files, an address. */
 import { query } from "./dom.js";
 import { evaluateFolder } from "./evaluation.js";
+import { sampleBase } from "./first.js";
 import { startVideo } from "./live.js";
 import { loadScene, showEmpty } from "./loading.js";
 import { problem, sentence, status } from "./panels.js";
 import { startPlaylist } from "./playlist.js";
 import { haveEngine, markSource, state, stopSource } from "./session.js";
 import { samplePlaylist, sortFiles } from "./sources.js";
-
-const sampleBase = new URL("./scenes/sample/", document.baseURI);
 
 /** What the page opens with: the sample, or the scene that its address names. */
 export async function startFirst() {
@@ -25,6 +24,9 @@ export async function startFirst() {
 
 /** Loads the sample room if another scene is in use, and shows its pictures. */
 export async function startSample({ reload = false } = {}) {
+  // Beside the scene, so that its first picture is there when the engine is.
+  const list = samplePlaylist(sampleBase);
+  list.then(([first]) => first?.fetchEarly()).catch(() => undefined); // said below
   if (!state.scene?.isSample || !state.relocalizer || reload) {
     const url = new URL("sample.landline", sampleBase);
     if (!(await loadScene(url.href, "the sample room", true, startSample))) return;
@@ -34,7 +36,7 @@ export async function startSample({ reload = false } = {}) {
   markSource("sample");
   const { run } = state;
   try {
-    const playlist = await samplePlaylist(sampleBase);
+    const playlist = await list;
     if (run === state.run) await startPlaylist(playlist, true);
   } catch (error) {
     status("bad", "No sample pictures", `${sentence(error.message)} ${error.hint ?? ""}`.trim());

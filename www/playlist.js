@@ -4,7 +4,7 @@ import { poseError } from "./evaluate.js";
 import { frameFailed } from "./loading.js";
 import { state } from "./session.js";
 import { showFrame, showTruth } from "./stage.js";
-import { markNext, markResult, markThumb, setPlaying, showStrip } from "./strip.js";
+import { loadThumbs, markNext, markResult, markThumb, setPlaying, showStrip } from "./strip.js";
 
 /** Time that a picture stays, so that an eye can follow. */
 const dwellMs = Number(query.get("dwell") ?? 1400);
@@ -51,6 +51,8 @@ async function showPicture(index, run) {
     if (run !== state.run) return;
     markThumb(index);
     frameFailed(error, item.name);
+  } finally {
+    loadThumbs();
   }
 }
 

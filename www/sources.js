@@ -1,4 +1,5 @@
 /** Where pictures come from. A playlist is a list of `{ name, blob(), thumb?, truth?, focal?, intrinsics? }`. */
+import { firstFetch } from "./first.js";
 import { readPoses } from "./poses.js";
 
 /** Depth images lie beside the pictures in some data sets, and are none. */
@@ -8,20 +9,31 @@ const isScene = (file) => /\.(landline|safetensors)$/i.test(file.name);
 
 /** The pictures that come with the page, with their true poses. */
 export async function samplePlaylist(base) {
-  const response = await fetch(new URL("sample.json", base));
+  const response = await firstFetch(new URL("sample.json", base).href);
   if (!response.ok) throw Object.assign(new Error(`the list of sample pictures is not there (${response.status})`), { code: "asset-fetch", hint: "Use your camera or a picture instead." });
   const { camera, pictures } = await response.json();
   return pictures.map((picture) => {
     const url = new URL(picture.name, base).href;
+    const download = async () => {
+      const answer = await fetch(url);
+      if (!answer.ok) throw Object.assign(new Error(`${picture.name} could not be loaded (${answer.status})`), { code: "asset-fetch", hint: "Check the connection, then choose “Sample room” again." });
+      return answer.blob();
+    };
+    let early;
     return {
       name: picture.name,
       thumb: url,
       intrinsics: picture.camera ?? camera,
       truth: Float64Array.from(picture.cam_from_world.flat()),
-      blob: async () => {
-        const answer = await fetch(url);
-        if (!answer.ok) throw Object.assign(new Error(`${picture.name} could not be loaded (${answer.status})`), { code: "asset-fetch", hint: "Check the connection, then choose “Sample room” again." });
-        return answer.blob();
+      /** Begins the download before the picture's turn; a failure is told then, by a new one. */
+      fetchEarly: () => {
+        early = download();
+        early.catch(() => (early = undefined));
+      },
+      blob: () => {
+        const begun = early;
+        early = undefined;
+        return begun ?? download();
       },
     };
   });

@@ -2,8 +2,17 @@
 import { $ } from "./dom.js";
 import { state } from "./session.js";
 
+/** Thumbnails that wait until a position stands on the page: before that they would only be in the way. */
+let waiting = [];
+
+/** Loads them. */
+export function loadThumbs() {
+  for (const load of waiting.splice(0)) load();
+}
+
 /** One button per picture of the list; `choose` is called with its number. */
 export function showStrip(choose) {
+  waiting = [];
   $("strip").replaceChildren(
     ...state.playlist.map((item, i) => {
       const button = document.createElement("button");
@@ -16,7 +25,9 @@ export function showStrip(choose) {
       button.tabIndex = -1;
       if (item.thumb) {
         const image = document.createElement("img");
-        image.src = item.thumb;
+        // Files of this device need no download.
+        if (item.thumb.startsWith("blob:")) image.src = item.thumb;
+        else waiting.push(() => (image.src = item.thumb));
         image.alt = "";
         image.loading = "lazy";
         image.decoding = "async";

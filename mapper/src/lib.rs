@@ -14,6 +14,7 @@ pub mod files;
 pub mod import;
 pub mod labels;
 pub mod overlay;
+pub mod paper;
 pub mod picture;
 mod plot;
 pub mod posing;

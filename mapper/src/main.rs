@@ -29,6 +29,7 @@ enum Command {
     Lines(cmd::lines::Args),
     Locate(cmd::locate::Args),
     Map(cmd::map::Args),
+    Paper(cmd::paper::Args),
     Poses(cmd::poses::Args),
     #[cfg(feature = "train")]
     Train(cmd::train::Args),
@@ -49,6 +50,7 @@ fn main() -> ExitCode {
         Command::Lines(args) => cmd::lines::run(args),
         Command::Locate(args) => cmd::locate::run(args),
         Command::Map(args) => cmd::map::run(args),
+        Command::Paper(args) => cmd::paper::run(args),
         Command::Poses(args) => cmd::poses::run(args),
         #[cfg(feature = "train")]
         Command::Train(args) => cmd::train::run(args),

@@ -13,6 +13,7 @@ pub mod landmarks;
 pub mod lines;
 pub mod locate;
 pub mod map;
+pub mod paper;
 pub mod poses;
 #[cfg(feature = "train")]
 pub mod train;

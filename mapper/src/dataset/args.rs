@@ -73,6 +73,30 @@ pub struct DataArgs {
 }
 
 impl DataArgs {
+    /// A data set with nothing more said about it.
+    pub fn of(data: PathBuf) -> Self {
+        Self {
+            data,
+            format: None,
+            pictures: None,
+            poses: None,
+            pose_direction: None,
+            quaternions: None,
+            camera_axes: None,
+            trust_poses: false,
+            poses_of: None,
+            camera: None,
+            cameras: None,
+            lines: None,
+            train: None,
+            test: None,
+            test_list: None,
+            units: None,
+            scale: None,
+            up: None,
+        }
+    }
+
     /// Whether the split is told, so that the data set's own counts for nothing.
     pub fn chooses_split(&self) -> bool {
         self.train.is_some() || self.test.is_some() || self.test_list.is_some()

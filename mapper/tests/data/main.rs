@@ -7,6 +7,7 @@ mod evaluation;
 mod folder;
 mod imported;
 mod labels;
+mod paper;
 mod readers;
 mod room;
 mod splits;

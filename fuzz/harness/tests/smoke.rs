@@ -1,7 +1,7 @@
 //! Every target for a moment: its seeds, and changes of them. No panic, no memory beyond measure, no accepted nonsense.
 
 use landline::math::Rng;
-use landline_fuzz::{TARGETS, explore};
+use landline_fuzz::{TARGETS, explore, target};
 
 #[global_allocator]
 static ALLOCATOR: landline_testkit::CountingAllocator = landline_testkit::CountingAllocator;
@@ -33,6 +33,20 @@ fn seeds_are_accepted() {
         };
         assert_eq!(num_accepted, expected, "{}", target.name);
     }
+}
+
+/// What was found once: focal lengths of 5e-10 and 3e-322 px, of which scaling to the picture's size made zero.
+#[test]
+fn focal_lengths_of_no_camera_are_refused() {
+    let mut cameras = 1u64.to_le_bytes().to_vec();
+    cameras.extend(1u32.to_le_bytes());
+    cameras.extend(1i32.to_le_bytes());
+    cameras.extend(8256u64.to_le_bytes());
+    cameras.extend(6144u64.to_le_bytes());
+    for v in [4.66e-10_f64, 3.16e-322, 16.0, 12.0] {
+        cameras.extend(v.to_le_bytes());
+    }
+    assert!(!(target("colmap_cameras").run)(&cameras));
 }
 
 /// A parser that panics is a find, with the input that did it.

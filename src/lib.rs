@@ -15,6 +15,7 @@ pub mod mapping;
 pub mod math;
 pub mod models;
 pub mod nn;
+pub mod place;
 pub mod pose;
 pub mod reconstruction;
 pub mod regress;

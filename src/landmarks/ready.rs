@@ -116,6 +116,13 @@ impl Landmarks {
         self.points.len()
     }
 
+    /// Bytes held.
+    pub fn num_bytes(&self) -> usize {
+        let code = size_of::<[f32; CODE_BITS]>();
+        self.points.len() * (size_of::<PointLandmark>() + code + size_of::<u64>() + 2)
+            + self.lines.len() * (size_of::<LineLandmark>() + code)
+    }
+
     /// How many lines there are.
     pub fn num_lines(&self) -> usize {
         self.lines.len()

@@ -138,6 +138,12 @@ impl Regressor {
         self.tokens
     }
 
+    /// Bytes held: weights, values between the operations, working room.
+    pub fn num_bytes(&self) -> usize {
+        let memory = self.networks.iter().map(CpuExecutor::memory);
+        memory.map(|m| m.weights + m.arena + m.scratch).sum()
+    }
+
     /// Predicts scene points and segments.
     ///
     /// # Errors

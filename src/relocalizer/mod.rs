@@ -26,6 +26,7 @@ mod error;
 #[cfg(feature = "webgpu")]
 mod gpu;
 mod last_frame;
+mod loaded;
 mod options;
 mod result;
 mod second_look;
@@ -39,25 +40,28 @@ pub use device::Device;
 pub use error::{CreateError, LocateError};
 #[cfg(feature = "webgpu")]
 pub use gpu::GpuNetworks;
+pub use loaded::LoadedScene;
 pub use options::{CameraSource, FocalBelief, LiveOptions, Query, RelocalizerOptions};
 pub use result::{Counts, Localization, NotLocated, Outcome, Report};
 pub use steps::{Begun, Observed};
 pub use timings::StageTimings;
 
+use crate::features::FeatureSet;
 use crate::front_end::FrontEnd;
 use crate::geometry::WorkingFromSensor;
 use crate::pose::{LineCorrespondence, PointCorrespondence, PoseScratch};
-use crate::regress::{Predictions, Regressor};
+use crate::regress::Predictions;
 use crate::scene_file::{ExtractorFile, SceneFile, SceneInfo};
 
 /// Finds cameras in one scene.
 #[derive(Debug)]
 pub struct Relocalizer {
-    info: SceneInfo,
+    scene: LoadedScene,
     options: RelocalizerOptions,
     front_end: FrontEnd,
-    regressor: Regressor,
     predictions: Predictions,
+    /// Whether they are of the scene and of the frame that was observed last.
+    has_predicted: bool,
     order: Vec<(f32, usize)>,
     points: Vec<PointCorrespondence>,
     lines: Vec<LineCorrespondence>,
@@ -65,8 +69,6 @@ pub struct Relocalizer {
     is_line_inlier: Vec<bool>,
     errors_px: Vec<f32>,
     pose: PoseScratch,
-    /// Present where the scene has landmarks.
-    again: Option<second_look::Again>,
     /// Of the frame that was answered last; the front end may hold a later one already.
     working_from_sensor: WorkingFromSensor,
     /// Frames begun so far.
@@ -93,26 +95,38 @@ impl Relocalizer {
         let mut options = RelocalizerOptions::for_scene(&scene);
         change(&mut options);
         options.check(&scene)?;
+        let loaded = LoadedScene::new(scene, &options)?;
+        Self::with(loaded, extractor, options)
+    }
+
+    /// Without a scene: what it sees is found nowhere until [`Self::exchange`] brings one. `change` may alter the extractor's
+    /// usual options, which those of the scenes have to agree with.
+    ///
+    /// # Errors
+    /// [`CreateError`] when an option has no meaning.
+    pub fn without_scene(
+        extractor: ExtractorFile,
+        change: impl FnOnce(&mut RelocalizerOptions),
+    ) -> Result<Self, CreateError> {
+        let mut options = RelocalizerOptions::for_extractor(extractor.kind);
+        change(&mut options);
+        options.live.check()?;
+        let nothing = LoadedScene::none(&extractor);
+        Self::with(nothing, extractor, options)
+    }
+
+    fn with(
+        scene: LoadedScene,
+        extractor: ExtractorFile,
+        options: RelocalizerOptions,
+    ) -> Result<Self, CreateError> {
         let front_end = FrontEnd::new(extractor, options.front_end)?.with_level(options.kernels);
-        let again = scene
-            .landmarks
-            .as_ref()
-            .map(|table| second_look::Again::new(table, scene.info.camera));
-        let regressor = Regressor::with_level(
-            &scene.config,
-            scene.weights,
-            scene.info.scale,
-            options.front_end.keypoints.max_keypoints,
-            options.front_end.max_segments,
-            options.kernels,
-        )
-        .map_err(CreateError::Networks)?;
         Ok(Self {
-            info: scene.info,
+            scene,
             options,
             front_end,
-            regressor,
             predictions: Predictions::default(),
+            has_predicted: false,
             order: Vec::new(),
             points: Vec::new(),
             lines: Vec::new(),
@@ -120,7 +134,6 @@ impl Relocalizer {
             is_line_inlier: Vec::new(),
             errors_px: Vec::new(),
             pose: PoseScratch::default(),
-            again,
             working_from_sensor: WorkingFromSensor::from_scale(1.0, 1.0),
             num_begun: 0,
             num_observed: 0,
@@ -145,12 +158,33 @@ impl Relocalizer {
 
     /// What the scene file says about itself.
     pub fn scene_info(&self) -> &SceneInfo {
-        &self.info
+        self.scene.info()
     }
 
     /// Whether the scene has landmarks to look for again.
     pub fn has_landmarks(&self) -> bool {
-        self.again.is_some()
+        self.scene.has_landmarks()
+    }
+
+    /// Takes another scene and hands the one before back. The frame that was observed last may be solved in it: its features
+    /// are there already. Networks on a device were of the scene before; they run on the CPU from here on.
+    ///
+    /// # Errors
+    /// [`CreateError::Scene`] when the scene was taught with another extractor; nothing has changed then.
+    pub fn exchange(&mut self, scene: &mut LoadedScene) -> Result<(), CreateError> {
+        scene.check_extractor_of(&self.scene)?;
+        core::mem::swap(&mut self.scene, scene);
+        self.has_predicted = false;
+        #[cfg(feature = "webgpu")]
+        {
+            self.backend = backend::Backend::default();
+        }
+        Ok(())
+    }
+
+    /// Features of the frame that was observed last, in pixels of its working image.
+    pub fn features(&self) -> &FeatureSet {
+        self.front_end.features()
     }
 
     /// The options in use.

@@ -3,6 +3,7 @@
 use super::error::CreateError;
 use crate::front_end::FrontEndOptions;
 use crate::geometry::Camera;
+use crate::models::ExtractorKind;
 use crate::nn::cpu::Level;
 use crate::pose::{Focal, Gravity, PoseOptions, PriorPose};
 use crate::scene_file::SceneFile;
@@ -24,14 +25,22 @@ pub struct RelocalizerOptions {
 impl RelocalizerOptions {
     /// What fits a scene.
     pub fn for_scene(scene: &SceneFile) -> Self {
-        let taught = FrontEndOptions::new(scene.info.extractor);
+        let usual = Self::for_extractor(scene.info.extractor);
         Self {
             front_end: FrontEndOptions {
                 max_side: scene.info.working_max_side as usize,
                 tokens: scene.config.line_tokens().unwrap_or(2),
                 sampler: scene.info.sampler,
-                ..taught
+                ..usual.front_end
             },
+            ..usual
+        }
+    }
+
+    /// The usual ones of an extractor.
+    pub fn for_extractor(extractor: ExtractorKind) -> Self {
+        Self {
+            front_end: FrontEndOptions::new(extractor),
             kernels: Level::best(),
             live: LiveOptions::default(),
         }
@@ -41,7 +50,9 @@ impl RelocalizerOptions {
     pub(super) fn check(&self, scene: &SceneFile) -> Result<(), CreateError> {
         self.live.check()?;
         let taught = Self::for_scene(scene).front_end;
-        if self.front_end.tokens != taught.tokens {
+        // Without lines nobody looks at samples of segments.
+        let has_lines = scene.config.line_tokens().is_some();
+        if has_lines && self.front_end.tokens != taught.tokens {
             return Err(CreateError::Option {
                 name: "front_end.tokens",
                 value: self.front_end.tokens as f64,

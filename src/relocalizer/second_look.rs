@@ -74,6 +74,11 @@ struct Frame<'a> {
 }
 
 impl Again {
+    /// Bytes held by the landmarks.
+    pub(super) fn num_bytes(&self) -> usize {
+        self.landmarks.num_bytes()
+    }
+
     /// `scene_camera` is that of the pictures that taught the scene.
     pub(super) fn new(table: &LandmarkTable, scene_camera: Option<Camera>) -> Self {
         Self {
@@ -306,7 +311,8 @@ impl Relocalizer {
         options: &PoseOptions,
         clock: &mut dyn FnMut() -> f64,
     ) -> Result<(PoseOutcome, Option<FoundAgain>), LocateError> {
-        let Some(again) = self.again.as_mut().filter(|_| self.options.live.look_again) else {
+        let is_wanted = self.options.live.look_again;
+        let Some(again) = self.scene.again_mut().filter(|_| is_wanted) else {
             return Ok((first, None));
         };
         let take = LookOptions {

@@ -50,9 +50,22 @@ impl Relocalizer {
         query: &Query,
         clock: &mut dyn FnMut() -> f64,
     ) -> Result<Report, LocateError> {
-        let begun = self.prepare(frame, query, &mut Stopwatch::start(clock))?;
-        let observed = self.observe_on_cpu(begun, &mut Stopwatch::start(clock), true)?;
+        let observed = self.observe_on_cpu(frame, query, clock)?;
         self.solve(observed, query, clock)
+    }
+
+    /// The first two steps of a frame on the CPU, for [`Self::solve`].
+    ///
+    /// # Errors
+    /// [`LocateError`] for a frame or camera that makes no sense.
+    pub fn observe_on_cpu(
+        &mut self,
+        frame: &FrameView<'_>,
+        query: &Query,
+        clock: &mut dyn FnMut() -> f64,
+    ) -> Result<Observed, LocateError> {
+        let begun = self.prepare(frame, query, &mut Stopwatch::start(clock))?;
+        self.run_on_cpu(begun, &mut Stopwatch::start(clock), true)
     }
 
     /// [`Self::locate`] with the networks on the device that `place` or `use_gpu` gave, or on the CPU without one.
@@ -112,14 +125,15 @@ impl Relocalizer {
             let features = self.front_end.features_without_descriptors();
             let has_answered = self.backend.finish(features, &mut self.predictions).await;
             if has_answered {
+                self.has_predicted = true;
                 begun.timings.regress_ms = stopwatch.lap();
                 begun.timings.total_ms += stopwatch.total();
                 self.observed(begun, true)
             } else {
-                self.observe_on_cpu(begun, &mut stopwatch, false)?
+                self.run_on_cpu(begun, &mut stopwatch, false)?
             }
         } else {
-            self.observe_on_cpu(begun, &mut stopwatch, true)?
+            self.run_on_cpu(begun, &mut stopwatch, true)?
         };
         self.backend
             .measured(observed.on_gpu, started_ms + stopwatch.total());
@@ -155,7 +169,7 @@ impl Relocalizer {
     }
 
     /// The second step on the CPU; `with_segments` unless they were detected already.
-    fn observe_on_cpu(
+    fn run_on_cpu(
         &mut self,
         mut begun: Begun,
         stopwatch: &mut Stopwatch<'_>,
@@ -169,8 +183,7 @@ impl Relocalizer {
         let stages = self.front_end.run_prepared(stopwatch, with_segments)?;
         begun.timings.features_ms = stages.features_ms;
         begun.timings.lines_ms += stages.lines_ms;
-        let features = self.front_end.features();
-        self.regressor.run(features, &mut self.predictions)?;
+        self.predict()?;
         begun.timings.regress_ms = stopwatch.lap();
         begun.timings.total_ms += stopwatch.total();
         Ok(self.observed(begun, false))
@@ -205,6 +218,11 @@ impl Relocalizer {
         }
         let start = Start::new(observed.size, query)?;
         let mut stopwatch = Stopwatch::start(clock);
+        let mut timings = observed.timings;
+        if !self.has_predicted {
+            self.predict()?;
+            timings.regress_ms = stopwatch.lap();
+        }
         self.working_from_sensor = observed.working_from_sensor;
         let mut counts = self.correspond();
         let camera = start.camera.resized(&self.working_from_sensor);
@@ -217,7 +235,6 @@ impl Relocalizer {
         let (points, lines) = (&self.points, &self.lines);
         let clock = stopwatch.clock();
         let first = pose::estimate(points, lines, &camera, &options, &mut self.pose, clock)?;
-        let mut timings = observed.timings;
         timings.solve_ms = stopwatch.lap();
         let (solved, found_again) = self.look_again(first, &camera, &options, stopwatch.clock())?;
         timings.look_ms = stopwatch.lap();
@@ -251,6 +268,14 @@ impl Relocalizer {
             pose_stats: solved.stats,
             timings,
         })
+    }
+
+    /// Runs the scene's networks on the features of the frame that was observed last.
+    fn predict(&mut self) -> Result<(), LocateError> {
+        let features = self.front_end.features();
+        self.scene.predict(features, &mut self.predictions)?;
+        self.has_predicted = true;
+        Ok(())
     }
 
     /// Fills the solver's lists from features and predictions.

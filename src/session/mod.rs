@@ -117,6 +117,14 @@ impl Session {
         self.smoothing = smoothing;
     }
 
+    /// Says that the relocalizer's scene is another one now: where the camera was, and how fast it may be, is measured anew.
+    /// What was learned about focal lengths stays.
+    pub fn scene_changed(&mut self) {
+        let metre = pace::metre(self.relocalizer.scene_info());
+        self.continuity = Continuity::new(metre);
+        self.filter = PoseFilter::new(metre);
+    }
+
     /// Forgets where the camera was. What was learned about focal lengths stays.
     pub fn reset(&mut self) {
         self.continuity.reset();
@@ -196,7 +204,7 @@ impl Session {
     }
 
     /// What the relocalizer is handed: all that earlier frames say about this one.
-    fn alone(&self, query: &SessionQuery<'_>) -> Result<Query, SessionError> {
+    pub(crate) fn alone(&self, query: &SessionQuery<'_>) -> Result<Query, SessionError> {
         if !query.timestamp_ms.is_finite() {
             return Err(SessionError::Timestamp(query.timestamp_ms));
         }
@@ -217,7 +225,7 @@ impl Session {
     }
 
     /// Learns from an answer and puts it in its place among the others.
-    fn follow(&mut self, frame: Report, query: &SessionQuery<'_>) -> SessionReport {
+    pub(crate) fn follow(&mut self, frame: Report, query: &SessionQuery<'_>) -> SessionReport {
         let found = frame.outcome.located();
         if let (Some(_), Some(sigma_ln)) = (found, frame.focal_sigma_ln) {
             let per_width = frame.camera.focal_px().0 / f64::from(frame.camera.width);

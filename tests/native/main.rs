@@ -12,6 +12,7 @@ mod layering;
 mod lsd_golden;
 mod lsd_properties;
 mod nn;
+mod place;
 mod portable;
 mod pose;
 mod rust;

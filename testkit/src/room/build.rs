@@ -5,6 +5,7 @@ use super::noise::Dice;
 use super::prints::STYLES;
 use super::texture::Texture;
 use super::trace::Quad;
+use super::vary::Vary;
 use super::{Edge, Room};
 use nalgebra::Vector3;
 
@@ -83,10 +84,26 @@ struct Builder {
     textures: Vec<Texture>,
     edges: Vec<Edge>,
     dice: Dice,
+    /// None in the sample room.
+    vary: Option<Vary>,
 }
 
 impl Builder {
+    /// A place for a piece of furniture: in a room that is not the sample's, up to so many metres along x from there, and turned.
+    fn placed(&mut self, b: Basis, along_m: f64, turn_deg: f64) -> Basis {
+        match &mut self.vary {
+            None => b,
+            Some(vary) => b
+                .moved(vary.offset(along_m), 0.0, 0.0)
+                .turned(vary.offset(turn_deg)),
+        }
+    }
+
     fn texture(&mut self, texture: Texture) -> usize {
+        let texture = match &mut self.vary {
+            None => texture,
+            Some(vary) => vary.texture(texture),
+        };
         if let Some(i) = self.textures.iter().position(|t| *t == texture) {
             return i;
         }
@@ -154,6 +171,14 @@ impl Builder {
         frame: Texture,
         inside: Texture,
     ) {
+        let is_picture = matches!(inside, Texture::Print(_));
+        if is_picture && self.vary.as_mut().is_some_and(Vary::is_bare) {
+            return;
+        }
+        let wall = &match is_picture {
+            true => self.placed(*wall, 0.06, 0.0),
+            false => *wall,
+        };
         self.sheet(
             wall,
             [x[0] + bar, x[1] - bar],
@@ -309,12 +334,13 @@ impl Builder {
 }
 
 /// Everything in the room.
-pub(super) fn furnish(seed: u64) -> Built {
+pub(super) fn furnish(seed: u64, vary: Option<Vary>) -> Built {
     let mut b = Builder {
         quads: Vec::new(),
         textures: Vec::new(),
         edges: Vec::new(),
         dice: Dice::new(seed ^ 0x4C41_4E44),
+        vary,
     };
     let [w, d, h] = Room::SIZE_M;
     let wall = |x: f64, y: f64, dx: f64, dy: f64| Basis {
@@ -328,10 +354,22 @@ pub(super) fn furnish(seed: u64) -> Built {
     let south = wall(w, 0.0, -1.0, 0.0);
     let west = wall(0.0, 0.0, 0.0, 1.0);
     shell(&mut b, &north, &east, &south, &west);
-    north_side(&mut b, &north);
-    east_side(&mut b, &east);
-    south_side(&mut b, &south);
-    west_side(&mut b, &west);
+    let mut is_swapped = || b.vary.as_mut().is_some_and(Vary::is_swapped);
+    let (long, short) = (is_swapped(), is_swapped());
+    let [first, second] = if long {
+        [&south, &north]
+    } else {
+        [&north, &south]
+    };
+    north_side(&mut b, first);
+    let [third, fourth] = if short {
+        [&west, &east]
+    } else {
+        [&east, &west]
+    };
+    east_side(&mut b, third);
+    south_side(&mut b, second);
+    west_side(&mut b, fourth);
     middle(&mut b);
     debug_assert!(h > 2.0);
     Built {
@@ -459,16 +497,9 @@ fn bookcase(b: &mut Builder, at: &Basis, w: f64, h: f64, depth: f64, rows: usize
 }
 
 fn north_side(b: &mut Builder, wall: &Basis) {
-    bookcase(
-        b,
-        &wall.moved(0.45, 0.0, 0.0),
-        1.7,
-        2.15,
-        0.30,
-        6,
-        srgb(0x8A5A34),
-    );
-    let board = wall.moved(2.6, 0.0, 0.0);
+    let case = b.placed(wall.moved(0.45, 0.0, 0.0), 0.2, 0.0);
+    bookcase(b, &case, 1.7, 2.15, 0.30, 6, srgb(0x8A5A34));
+    let board = b.placed(wall.moved(2.6, 0.0, 0.0), 0.15, 0.0);
     b.cabinet(
         &board,
         1.7,
@@ -499,7 +530,7 @@ fn north_side(b: &mut Builder, wall: &Basis) {
             Texture::Print([1, 6, 0][i]),
         );
     }
-    let shelves = wall.moved(4.6, 0.0, 0.0);
+    let shelves = b.placed(wall.moved(4.6, 0.0, 0.0), 0.12, 0.0);
     for (row, y) in [0.55, 0.95, 1.35, 1.75].into_iter().enumerate() {
         b.solid(
             &shelves,
@@ -547,7 +578,7 @@ fn east_side(b: &mut Builder, wall: &Basis) {
         Texture::Paint(srgb(0x7A2E2E)),
         Texture::Print(8),
     );
-    let desk = wall.moved(2.6, 0.0, 0.04);
+    let desk = b.placed(wall.moved(2.6, 0.0, 0.04), 0.4, 0.0);
     b.table(&desk, 1.75, 0.72, 0.75, srgb(0xB5834F));
     let laptop = desk.moved(0.75, 0.75, 0.30).turned(12.0);
     let metal = Texture::Paint(srgb(0xA9ADB3));
@@ -628,7 +659,7 @@ fn south_side(b: &mut Builder, wall: &Basis) {
         Texture::WoodAlong(srgb(0x9C6B3C)),
     );
     b.books(wall, [1.84, 2.5], 0.61, 0.27, 0.22);
-    let kitchen = wall.moved(3.25, 0.0, 0.0);
+    let kitchen = b.placed(wall.moved(3.25, 0.0, 0.0), 0.2, 0.0);
     b.cabinet(
         &kitchen,
         2.45,
@@ -699,7 +730,7 @@ fn south_side(b: &mut Builder, wall: &Basis) {
 }
 
 fn west_side(b: &mut Builder, wall: &Basis) {
-    let sofa = wall.moved(1.1, 0.0, 0.03);
+    let sofa = b.placed(wall.moved(1.1, 0.0, 0.03), 0.4, 0.0);
     let cloth = Texture::Fabric(srgb(0xB8654A));
     let cushion = Texture::Fabric(srgb(0xD7B98C));
     b.solid(&sofa, [0.0, 2.1], [0.10, 0.30], [0.0, 0.85], cloth);
@@ -766,7 +797,7 @@ fn west_side(b: &mut Builder, wall: &Basis) {
         Texture::Paint(srgb(0x2A2A2E)),
         Texture::Clock,
     );
-    let low = wall.moved(3.66, 0.0, 0.0);
+    let low = b.placed(wall.moved(3.66, 0.0, 0.0), 0.2, 0.0);
     bookcase(b, &low, 1.05, 0.82, 0.28, 2, srgb(0x6E4A2E));
     b.framed(
         &wall.moved(0.22, 0.0, 0.0),
@@ -790,7 +821,7 @@ fn west_side(b: &mut Builder, wall: &Basis) {
 
 fn middle(b: &mut Builder) {
     // A rug is a box of one centimetre: textures of the top lie with s along x and t towards -n.
-    let rug = Basis::standing(1.55, 3.55, 0.0);
+    let rug = b.placed(Basis::standing(1.55, 3.55, 0.0), 0.3, 10.0);
     let edge = Texture::Fabric(srgb(0x25405F));
     let skin = Skin {
         front: edge,
@@ -798,7 +829,7 @@ fn middle(b: &mut Builder) {
         top: Texture::Rug,
     };
     b.solid(&rug, [0.0, 2.7], [0.0, 0.01], [0.0, 1.95], skin);
-    let table = Basis::standing(2.35, 2.95, -14.0);
+    let table = b.placed(Basis::standing(2.35, 2.95, -14.0), 0.35, 35.0);
     b.table(&table, 1.25, 0.78, 0.74, srgb(0x9A5F33));
     let mut pile = 0.74;
     for (color, turn) in [

@@ -14,6 +14,7 @@ mod prints;
 mod render;
 mod texture;
 mod trace;
+mod vary;
 mod views;
 
 pub use render::{Picture, RenderOptions};
@@ -50,7 +51,15 @@ impl Room {
 
     /// Furnishes and lights the room. Takes some seconds, nearly all of them for the light map.
     pub fn new(seed: u64) -> Self {
-        let built = build::furnish(seed);
+        Self::of(build::furnish(seed, None), seed)
+    }
+
+    /// A room of the same size whose furniture stands elsewhere, in other colours, under other pictures: one of many.
+    pub fn varied(seed: u64) -> Self {
+        Self::of(build::furnish(seed, Some(vary::Vary::new(seed))), seed)
+    }
+
+    fn of(built: build::Built, seed: u64) -> Self {
         let bvh = Bvh::new(&built.quads);
         let light_map = LightMap::bake(&built.quads, &built.textures, &bvh, seed);
         Self {

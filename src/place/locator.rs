@@ -314,11 +314,8 @@ impl Place {
         let mut own = None;
         if let Some(room) = self.current.filter(|room| self.has_room(*room)) {
             let report = self.solve_in(room, &observed, &alone, clock)?;
-            let is_sure = report
-                .outcome
-                .located()
-                .is_some_and(|l| l.confidence >= self.options.min_confidence);
-            if is_sure {
+            // What was found again is calibrated against wrong rooms; agreement alone is not, and the other rooms are asked then.
+            if report.found_again.is_some() && self.claim_of(room, &report).is_some() {
                 return Ok(self.stay(room, report, query, 1));
             }
             own = Some((room, report));
@@ -329,6 +326,8 @@ impl Place {
             ..alone
         };
         self.claims.clear();
+        let of_own = own.and_then(|(room, report)| self.claim_of(room, &report));
+        self.claims.extend(of_own);
         let mut num_solved = usize::from(own.is_some());
         let mut last: Option<(usize, Report)> = own;
         let best_score = self.score_of_first();
@@ -363,22 +362,16 @@ impl Place {
         let best = self.best_claim();
         let is_open = best.is_none_or(|best| self.is_before(&self.wanted, best.room));
         if let Some(best) = best.filter(|_| !is_open) {
+            let is_own = own.is_some_and(|(room, _)| room == best.room);
             let report = match last.filter(|(room, _)| *room == best.room) {
                 Some((_, report)) => report,
                 None => {
                     num_solved += 1;
-                    self.solve_in(best.room, &observed, &elsewhere, clock)?
+                    let query = if is_own { &alone } else { &elsewhere };
+                    self.solve_in(best.room, &observed, query, clock)?
                 }
             };
             return Ok(self.enter(best.room, report, query, num_solved));
-        }
-        if let Some((room, report)) = own {
-            // Unsure, but nowhere else: as in a scene alone.
-            let report = match last.filter(|(other, _)| *other == room) {
-                Some(_) => report,
-                None => self.solve_in(room, &observed, &alone, clock)?,
-            };
-            return Ok(self.stay(room, report, query, num_solved));
         }
         let report = self.refused(last, &observed, NotLocated::FewInliers, &elsewhere, clock)?;
         Ok(self.nowhere(report, query, num_solved))

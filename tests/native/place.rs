@@ -11,7 +11,7 @@ use landline::place::{
     FileRef, Place, PlaceError, PlaceIndex, PlaceManifest, PlaceOptions, PlaceReport, Placed,
     RoomEntry,
 };
-use landline::relocalizer::RelocalizerOptions;
+use landline::relocalizer::{Relocalizer, RelocalizerOptions};
 use landline::scene_file::{ExtractorFile, SceneFile, SceneInfo};
 use landline::session::SessionQuery;
 use landline_testkit::random_scene;
@@ -158,6 +158,56 @@ fn ask(place: &mut Place, scenes: &[SceneFile], seed: u64) -> PlaceReport {
 }
 
 #[test]
+fn each_frame_is_found_in_its_room_as_in_that_scene_alone() {
+    let seeds = [1, 2, 3, 4, 5, 6];
+    let (mut place, scenes) = place(&seeds, PlaceOptions::default());
+    for (room, seed) in seeds.into_iter().enumerate() {
+        place.leave();
+        let report = ask(&mut place, &scenes, seed);
+        assert_eq!(
+            report.room,
+            Some(room),
+            "{:?}",
+            report.session.frame.outcome
+        );
+        assert!(report.has_entered);
+        assert_eq!(place.ranking()[0].room, room);
+        let found = *report.session.frame.outcome.located().expect("located");
+        let (distance, angle) = found.cam_from_world.error_to(&pose(seed));
+        assert!(distance < 2e-2 && angle < 5e-3, "{distance} {angle}");
+        // In the place the rooms stand in a row.
+        let in_place = report.cam_from_place.expect("is known").center_in_world();
+        let shift = in_place - found.cam_from_world.center_in_world();
+        assert!((shift - Vector3::new(100.0 * room as f64, 0.0, 0.0)).norm() < 1e-9);
+        // The same to the last bit as without a place.
+        let mut alone = Relocalizer::new(scenes[room].clone(), extractor(), |o| {
+            o.front_end.tokens = FrontEndOptions::new(ExtractorKind::Xfeat).tokens;
+            lower(&mut o.front_end);
+        })
+        .expect("fits");
+        let gray = picture(seed);
+        let query = landline::relocalizer::Query::with_camera(camera());
+        let expected = alone
+            .locate(&gray.frame(), &query, &mut || 0.0)
+            .expect("a frame");
+        let expected = expected.outcome.located().expect("located").cam_from_world;
+        assert_eq!(found.cam_from_world, expected);
+        // Once more: the room stays.
+        let again = ask(&mut place, &scenes, seed);
+        assert_eq!((again.room, again.has_entered), (Some(room), false));
+        assert_eq!(
+            again
+                .session
+                .frame
+                .outcome
+                .located()
+                .map(|l| l.cam_from_world),
+            Some(expected)
+        );
+    }
+}
+
+#[test]
 fn twins_are_told_apart_by_nobody_and_that_is_said() {
     let (mut place, scenes) = place(&[1, 7, 7, 2], PlaceOptions::default());
     let report = ask(&mut place, &scenes, 7);
@@ -168,6 +218,49 @@ fn twins_are_told_apart_by_nobody_and_that_is_said() {
     assert!(report.session.frame.outcome.located().is_none());
     // A room that has no twin is found as ever.
     assert_eq!(ask(&mut place, &scenes, 2).room, Some(3));
+}
+
+#[test]
+fn walks_from_room_to_room_and_knows_what_lies_beside() {
+    let (mut place, scenes) = place(&[1, 2, 3], PlaceOptions::default());
+    assert_eq!(place.to_prefetch().count(), 0);
+    assert!(ask(&mut place, &scenes, 1).has_entered);
+    for room in 0..3 {
+        place.drop_room(room).expect("goes");
+    }
+    assert_eq!(place.to_prefetch().collect::<Vec<_>>(), [1]);
+    let report = ask(&mut place, &scenes, 2);
+    assert_eq!((report.room, report.has_entered), (Some(1), true));
+    // Nowhere: the room that the camera was in last stays the current one.
+    let report = ask(&mut place, &scenes, 99);
+    assert_eq!((report.room, report.has_entered), (None, false));
+    assert_eq!(place.current(), Some(1));
+}
+
+#[test]
+fn no_more_scenes_are_held_than_there_is_room_for() {
+    let (mut whole, scenes) = place(&[1, 2, 3, 4, 5], PlaceOptions::default());
+    for (room, scene) in scenes.iter().enumerate() {
+        whole.put_room(room, scene.clone()).expect("fits");
+    }
+    let one = whole.num_bytes() / 5;
+    let options = PlaceOptions {
+        max_bytes: 3 * one + one / 2,
+        candidates: 1,
+        ..PlaceOptions::default()
+    };
+    let (mut place, scenes) = place(&[1, 2, 3, 4, 5], options);
+    let mut found = 0;
+    for round in 0..3 {
+        for (room, seed) in [1, 2, 3, 4, 5].into_iter().enumerate() {
+            let report = ask(&mut place, &scenes, seed);
+            // Without landmarks the room of the frame before may claim it too, and which of the two it is stays open.
+            assert!(report.room.is_none_or(|r| r == room), "round {round}");
+            found += usize::from(report.room.is_some());
+            assert!(place.num_bytes() <= options.max_bytes);
+        }
+    }
+    assert!(found >= 8, "{found} of 15 frames are located");
 }
 
 #[test]

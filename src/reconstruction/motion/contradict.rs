@@ -5,14 +5,17 @@
 //! verified without the model.
 
 use super::grow::{Attempt, Ground};
-use crate::geometry::CamFromWorld;
+use crate::geometry::vector_from_rotation;
 use crate::math::parallel;
+use crate::math::stats::median_in_place;
 use crate::reconstruction::{epipolar_distance, essential};
+use nalgebra::Vector3;
 
-/// A pair agrees with the model when this share of its matches does,
+/// A pair agrees with the model when this share of its matches does.
 const AGREEING_SHARE: f64 = 0.5;
-/// and the model turns from one to the other as the pair alone says, within so many degrees. Matches near their epipolar lines
-/// do not tell: of a stretch that lay 30 degrees off, half of those with its neighbours in time were.
+/// A step of a video is right when the pairs across it, in the median, turn as the model does, within so many degrees. Matches near
+/// their epipolar lines do not tell (of a stretch that lay 30 degrees off, half of those with its neighbours in time were), and a
+/// pair alone does not either: along a corridor what it says is off by ten degrees, but not always to the same side.
 const MAX_TURN_DEG: f64 = 5.0;
 /// A part stays when the matches of contradicting pairs are at most this share of those of agreeing ones.
 const MAX_CONTRADICTION: f64 = 0.5;
@@ -23,6 +26,8 @@ struct Judged {
     b: usize,
     num_matches: usize,
     agrees: bool,
+    /// Rotation vector by which the model turns otherwise than the pair alone says, about axes of the world, in radians.
+    off: Vector3<f64>,
 }
 
 fn judge(ground: &Ground<'_>, attempt: &Attempt) -> Vec<Judged> {
@@ -45,37 +50,49 @@ fn judge(ground: &Ground<'_>, attempt: &Attempt) -> Vec<Judged> {
             })
             .count();
         let (from, to) = (&first.cam_from_world, &second.cam_from_world);
-        let own = CamFromWorld::new(
-            pair.geometry.b_from_a.rotation * from.rotation,
-            to.translation,
-        );
-        let turn = to.rotation_angle_to(&own);
+        let own = pair.geometry.b_from_a.rotation * from.rotation;
         Some(Judged {
             a,
             b,
             num_matches: pair.matches.len(),
-            agrees: near as f64 >= AGREEING_SHARE * pair.matches.len() as f64
-                && turn.to_degrees() <= MAX_TURN_DEG,
+            agrees: near as f64 >= AGREEING_SHARE * pair.matches.len() as f64,
+            off: vector_from_rotation(&(to.rotation.transpose() * own)),
         })
     });
     judged.into_iter().flatten().collect()
 }
 
-/// The part of each picture: of a video the stretches over whose every step more matches agree than contradict, of other pictures
-/// what agreeing pairs hold together.
+/// Matches of agreeing and of contradicting pairs.
+fn sides(pairs: &[&Judged]) -> (usize, usize) {
+    let matches = |agrees: bool| -> usize {
+        let own = pairs.iter().filter(|p| p.agrees == agrees);
+        own.map(|p| p.num_matches).sum()
+    };
+    (matches(true), matches(false))
+}
+
+/// Whether the model turns as pairs say that are off by so much, in the median.
+fn turns_alike(off: &[Vector3<f64>]) -> bool {
+    let median = Vector3::from_fn(|axis, _| {
+        let mut all: Vec<f64> = off.iter().map(|v| v[axis]).collect();
+        median_in_place(&mut all).unwrap_or(0.0)
+    });
+    median.norm().to_degrees() <= MAX_TURN_DEG
+}
+
+/// The part of each picture: of a video the stretches whose every step is right, of other pictures what agreeing pairs hold together.
 fn parts(ground: &Ground<'_>, judged: &[Judged]) -> Vec<usize> {
     let params = ground.params;
     let mut part: Vec<usize> = (0..ground.pictures.len()).collect();
     if params.candidates.is_video {
-        let mut sides = vec![(0, 0); part.len()];
-        for pair in judged.iter().filter(|p| p.b - p.a <= params.loops.near) {
-            for (agreeing, contradicting) in &mut sides[pair.a..pair.b] {
-                *if pair.agrees { agreeing } else { contradicting } += pair.num_matches;
-            }
-        }
         for i in 1..part.len() {
-            let (agreeing, contradicting) = sides[i - 1];
-            if agreeing > contradicting {
+            let across: Vec<&Judged> = judged
+                .iter()
+                .filter(|p| p.a < i && i <= p.b && p.b - p.a <= params.loops.near)
+                .collect();
+            let (agreeing, contradicting) = sides(&across);
+            let off: Vec<Vector3<f64>> = across.iter().map(|p| p.off).collect();
+            if agreeing > contradicting && turns_alike(&off) {
                 part[i] = part[i - 1];
             }
         }
@@ -108,18 +125,26 @@ pub(super) fn drop_contradicted(ground: &Ground<'_>, attempt: &mut Attempt) -> u
     }
     loop {
         let is_sure = |p: usize| {
-            let (mut agreeing, mut contradicting) = (0, 0);
-            for pair in &judged {
+            let is_between = |pair: &&Judged| {
                 let (x, y) = (part[pair.a], part[pair.b]);
-                if (x == p && is_kept[y]) || (y == p && is_kept[x]) {
-                    if pair.agrees {
-                        agreeing += pair.num_matches;
+                (x == p && is_kept[y]) || (y == p && is_kept[x])
+            };
+            let between: Vec<&Judged> = judged.iter().filter(is_between).collect();
+            let (agreeing, contradicting) = sides(&between);
+            // Seen from the part: the other way round a pair is off by the opposite.
+            let off: Vec<Vector3<f64>> = between
+                .iter()
+                .map(|pair| {
+                    if part[pair.a] == p {
+                        -pair.off
                     } else {
-                        contradicting += pair.num_matches;
+                        pair.off
                     }
-                }
-            }
-            agreeing > 0 && contradicting as f64 <= MAX_CONTRADICTION * agreeing as f64
+                })
+                .collect();
+            agreeing > 0
+                && contradicting as f64 <= MAX_CONTRADICTION * agreeing as f64
+                && turns_alike(&off)
         };
         let Some(next) = waiting.iter().position(|p| is_sure(*p)) else {
             break;

@@ -13,10 +13,12 @@ use nalgebra::Vector3;
 
 /// A pair agrees with the model when this share of its matches does.
 const AGREEING_SHARE: f64 = 0.5;
-/// A step of a video is right when the pairs across it, in the median, turn as the model does, within so many degrees. Matches near
-/// their epipolar lines do not tell (of a stretch that lay 30 degrees off, half of those with its neighbours in time were), and a
-/// pair alone does not either: along a corridor what it says is off by ten degrees, but not always to the same side.
+/// The model is wrong where the pairs turn otherwise than it does by so many degrees, in the median,
 const MAX_TURN_DEG: f64 = 5.0;
+/// and agree with each other: half of them are off from that by at most this share of it. Matches near their epipolar lines do not
+/// tell (of a stretch that lay 30 degrees off, half of those with its neighbours in time were), and a pair alone does not either:
+/// along a corridor what pairs say is off by ten degrees, each by its own.
+const MAX_SPREAD: f64 = 0.5;
 /// A part stays when the matches of contradicting pairs are at most this share of those of agreeing ones.
 const MAX_CONTRADICTION: f64 = 0.5;
 
@@ -71,13 +73,15 @@ fn sides(pairs: &[&Judged]) -> (usize, usize) {
     (matches(true), matches(false))
 }
 
-/// Whether the model turns as pairs say that are off by so much, in the median.
+/// Whether the model turns as pairs say that are off by so much: not when they are off by the same, most of them.
 fn turns_alike(off: &[Vector3<f64>]) -> bool {
-    let median = Vector3::from_fn(|axis, _| {
+    let middle = Vector3::from_fn(|axis, _| {
         let mut all: Vec<f64> = off.iter().map(|v| v[axis]).collect();
         median_in_place(&mut all).unwrap_or(0.0)
     });
-    median.norm().to_degrees() <= MAX_TURN_DEG
+    let mut spread: Vec<f64> = off.iter().map(|v| (v - middle).norm()).collect();
+    let spread = median_in_place(&mut spread).unwrap_or(0.0);
+    middle.norm().to_degrees() <= MAX_TURN_DEG || spread > MAX_SPREAD * middle.norm()
 }
 
 /// The part of each picture: of a video the stretches whose every step is right, of other pictures what agreeing pairs hold together.

@@ -59,11 +59,12 @@ impl Words {
         Self { centres }
     }
 
-    /// From stored centres; `None` for another number of them.
+    /// From stored centres; `None` for another number of them, and for one that is longer than a unit vector or no number.
     pub(super) fn from_centres(centres: &[f32]) -> Option<Self> {
         let (rows, rest) = centres.as_chunks::<CODE_BITS>();
-        (rows.len() == NUM_NODES && rest.is_empty()).then(|| Self {
-            centres: rows.iter().map(unit).collect(),
+        let is_right = |row: &Query| row.iter().map(|v| v * v).sum::<f32>() < 1.001;
+        (rows.len() == NUM_NODES && rest.is_empty() && rows.iter().all(is_right)).then(|| Self {
+            centres: rows.to_vec(),
         })
     }
 
@@ -167,11 +168,12 @@ mod tests {
         let words = Words::learn(&rows);
         let numbers = words.to_numbers();
         let again = Words::from_centres(&numbers).expect("all of them");
-        // Centres are made unit once more, so that a last digit may decide between two that are equally near.
-        let same = rows
-            .iter()
-            .filter(|row| words.of(row)[0] == again.of(row)[0]);
-        assert!(same.count() > 290);
+        assert!(rows.iter().all(|row| words.of(row) == again.of(row)));
+        for wrong in [2.0, f32::NAN] {
+            let mut numbers = numbers.clone();
+            numbers[0] = wrong;
+            assert_eq!(Words::from_centres(&numbers), None);
+        }
         assert_eq!(Words::from_centres(&numbers[1..]), None);
         assert_eq!(Words::from_centres(&numbers[CODE_BITS..]), None);
     }

@@ -10,8 +10,8 @@
 //! * **Invariants**: no files, no clock, threads only with `parallel`; the same pictures give the same result.
 //! * **Cost**: matching and verification grow with pairs, adjustment with the cube of the pictures.
 //!
-//! Known limit: in a long walk a stretch that hangs on the rest by few or ambiguous pairs may come out in the wrong place.
-//! Parts that verified matches contradict are taken out; `rms_px` alone does not show the rest.
+//! Known limit: parts that verified matches contradict, or between which pairs turn otherwise than the model, are taken out, and
+//! may come back as components of their own; `rms_px` alone would not show them. A long walk may so come in pieces.
 //!
 //! Sources: Schönberger and Frahm, Structure-from-Motion Revisited (2016), for what incremental mapping needs.
 

@@ -300,7 +300,7 @@ impl PlaceIndex {
         let centres = take(CENTRES, &[NUM_NODES, CODE_BITS])?;
         let by_room = take(ROOMS, &[rooms.len(), NUM_WORDS])?;
         let words = Words::from_centres(&centres)
-            .ok_or_else(|| damaged("another number of words".to_owned()))?;
+            .ok_or_else(|| damaged("another number of words, or one that is none".to_owned()))?;
         let log_ratios = (0..NUM_WORDS)
             .flat_map(|word| by_room.iter().skip(word).step_by(NUM_WORDS))
             .copied()

@@ -59,11 +59,11 @@ impl Words {
         Self { centres }
     }
 
-    /// From stored centres; `None` for another number of them, and for one that is longer than a unit vector or no number.
+    /// From stored centres; `None` for another number of them, and where one is no number.
     pub(super) fn from_centres(centres: &[f32]) -> Option<Self> {
         let (rows, rest) = centres.as_chunks::<CODE_BITS>();
-        let is_right = |row: &Query| row.iter().map(|v| v * v).sum::<f32>() < 1.001;
-        (rows.len() == NUM_NODES && rest.is_empty() && rows.iter().all(is_right)).then(|| Self {
+        let is_right = rows.len() == NUM_NODES && rest.is_empty();
+        (is_right && centres.iter().all(|v| v.is_finite())).then(|| Self {
             centres: rows.to_vec(),
         })
     }
@@ -169,7 +169,7 @@ mod tests {
         let numbers = words.to_numbers();
         let again = Words::from_centres(&numbers).expect("all of them");
         assert!(rows.iter().all(|row| words.of(row) == again.of(row)));
-        for wrong in [2.0, f32::NAN] {
+        for wrong in [f32::INFINITY, f32::NAN] {
             let mut numbers = numbers.clone();
             numbers[0] = wrong;
             assert_eq!(Words::from_centres(&numbers), None);

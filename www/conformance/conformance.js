@@ -20,7 +20,8 @@ async function pixels(address) {
 
 /** Poses of all frames on one device, as lines of the report. */
 async function runOn(device, { scene, intrinsics, vectors }, frames) {
-  const relocalizer = await Relocalizer.create({ scene: new URL(scene, import.meta.url), device, cache: "none" });
+  // Processors may differ in relaxed SIMD; the plain build gives the same bits on all of them.
+  const relocalizer = await Relocalizer.create({ scene: new URL(scene, import.meta.url), device, cache: "none", build: "plain" });
   const poses = [];
   const off = [];
   let backend = "";

@@ -19,6 +19,8 @@ const MAX_TURN_DEG: f64 = 5.0;
 /// tell (of a stretch that lay 30 degrees off, half of those with its neighbours in time were), and a pair alone does not either:
 /// along a corridor what pairs say is off by ten degrees, each by its own.
 const MAX_SPREAD: f64 = 0.5;
+/// Fewer pictures are not judged by their turns: the focal length, by which pairs were compared, is not known well before.
+const JUDGED_FROM: usize = 30;
 /// A part stays when the matches of contradicting pairs are at most this share of those of agreeing ones.
 const MAX_CONTRADICTION: f64 = 0.5;
 
@@ -35,6 +37,7 @@ struct Judged {
 fn judge(ground: &Ground<'_>, attempt: &Attempt) -> Vec<Judged> {
     let (_, views, position) = ground.posed(attempt);
     let view = |i: usize| views.get(position[i] as usize);
+    let judges_turns = views.len() >= JUDGED_FROM;
     let judged = parallel::map(ground.pairs.len(), |p| {
         let pair = &ground.pairs[p];
         let (a, b) = (pair.a as usize, pair.b as usize);
@@ -52,7 +55,11 @@ fn judge(ground: &Ground<'_>, attempt: &Attempt) -> Vec<Judged> {
             })
             .count();
         let (from, to) = (&first.cam_from_world, &second.cam_from_world);
-        let own = pair.geometry.b_from_a.rotation * from.rotation;
+        let own = if judges_turns {
+            pair.geometry.b_from_a.rotation * from.rotation
+        } else {
+            to.rotation
+        };
         Some(Judged {
             a,
             b,

@@ -92,10 +92,10 @@ fn turns_alike(off: &[Vector3<f64>]) -> bool {
 }
 
 /// The part of each picture: of a video the stretches whose every step is right, of other pictures what agreeing pairs hold together.
-fn parts(ground: &Ground<'_>, judged: &[Judged]) -> Vec<usize> {
+fn parts(ground: &Ground<'_>, judged: &[Judged], judges_turns: bool) -> Vec<usize> {
     let params = ground.params;
     let mut part: Vec<usize> = (0..ground.pictures.len()).collect();
-    if params.candidates.is_video {
+    if params.candidates.is_video && judges_turns {
         for i in 1..part.len() {
             let across: Vec<&Judged> = judged
                 .iter()
@@ -110,6 +110,10 @@ fn parts(ground: &Ground<'_>, judged: &[Judged]) -> Vec<usize> {
         return part;
     }
     for pair in judged.iter().filter(|p| p.agrees) {
+        // A loop alone holds no stretch of a video.
+        if params.candidates.is_video && pair.b - pair.a > params.loops.near {
+            continue;
+        }
         let (from, to) = (part[pair.b], part[pair.a]);
         for p in part.iter_mut().filter(|p| **p == from) {
             *p = to;
@@ -121,7 +125,8 @@ fn parts(ground: &Ground<'_>, judged: &[Judged]) -> Vec<usize> {
 /// Takes the poses from parts that the matches with the largest part contradict. How many pictures it were.
 pub(super) fn drop_contradicted(ground: &Ground<'_>, attempt: &mut Attempt) -> usize {
     let judged = judge(ground, attempt);
-    let part = parts(ground, &judged);
+    let judges_turns = attempt.num_registered() >= JUDGED_FROM;
+    let part = parts(ground, &judged, judges_turns);
     let mut sizes = vec![0usize; part.len()];
     for (i, p) in part.iter().enumerate() {
         sizes[*p] += usize::from(attempt.poses[i].is_some());

@@ -6,14 +6,11 @@
 // Pictures are taken by their place in the sorted folder. Prints medians over all frames after five warm-up frames, and
 // the whole of the slowest frame, and the processor time of a frame under Node, which other programs do not lengthen.
 // CHROME names the browser.
-import { createReadStream, existsSync, statSync } from "node:fs";
 import { readFile, readdir } from "node:fs/promises";
-import { createServer } from "node:http";
-import { createRequire } from "node:module";
-import { extname, join, normalize } from "node:path";
-import { fileURLToPath, pathToFileURL } from "node:url";
+import { join, normalize } from "node:path";
+import { pathToFileURL } from "node:url";
+import { blankPage, root } from "./blank_page.mjs";
 
-const root = fileURLToPath(new URL("../", import.meta.url));
 const [sceneFile, folder, range, focal, rounds = "1"] = process.argv.slice(2);
 if (!focal) throw new Error("usage: node benches/frame_times.mjs SCENE PICTURES_FOLDER FIRST-LAST FOCAL [rounds]");
 const [first, last] = range.split("-").map(Number);
@@ -22,22 +19,10 @@ const warmUp = 5;
 const stages = ["transfer", "preprocess", "features", "lines", "regress", "solve", "total"];
 
 const site = join(root, "dist/site");
-const types = { ".html": "text/html", ".js": "text/javascript", ".wasm": "application/wasm" };
-const server = createServer((request, response) => {
-  const path = decodeURIComponent(new URL(request.url, "http://localhost").pathname);
-  if (path === "/blank.html") return void response.writeHead(200, { "content-type": "text/html" }).end("<!doctype html>");
-  const file = path === "/scene" ? sceneFile : path.startsWith("/pictures/") ? join(folder, normalize(path.slice(10))) : join(site, normalize(path));
-  if (!existsSync(file) || !statSync(file).isFile()) return void response.writeHead(404).end();
-  response.writeHead(200, { "content-type": types[extname(file)] ?? "application/octet-stream" });
-  createReadStream(file).pipe(response);
-});
-await new Promise((done) => server.listen(0, "127.0.0.1", done));
-
-const { chromium } = createRequire(join(root, "web/package.json"))("playwright-core");
-const browser = await chromium.launch({ executablePath: process.env.CHROME ?? "/usr/bin/chromium", headless: true, args: ["--no-sandbox"] });
-const page = await browser.newPage();
-page.setDefaultTimeout(600_000);
-await page.goto(`http://localhost:${server.address().port}/blank.html`);
+const { page, browser, close } = await blankPage((path) => {
+  if (path === "/scene") return sceneFile;
+  return path.startsWith("/pictures/") ? join(folder, normalize(path.slice(10))) : join(site, normalize(path));
+}, 600_000);
 console.log(`Chromium ${browser.version()}, Node ${process.versions.node}, ${names.length} pictures, ${rounds} rounds`);
 
 /** Decoded pixels, for Node. */
@@ -72,8 +57,7 @@ for (const name of names) {
     }, name),
   );
 }
-await browser.close();
-server.close();
+await close();
 
 const { Relocalizer } = await import(pathToFileURL(join(root, "dist/npm/landline/index.js")));
 const relocalizer = await Relocalizer.create({ scene: new Uint8Array(await readFile(sceneFile)), device: "cpu" });

@@ -6,15 +6,12 @@
 // sorted list. Those from FIRST to before END in steps are the film, up to a hundred from END on are located. POSES, a list
 // of `NAME QW QX QY QZ TX TY TZ` (camera from world), and FOCAL give the film's frames their poses and their camera. Memory is the peak resident size of
 // the page's process. CHROME names the browser.
-import { createReadStream, existsSync, readFileSync, statSync } from "node:fs";
+import { readFileSync } from "node:fs";
 import { readdir, readFile } from "node:fs/promises";
-import { createServer } from "node:http";
-import { createRequire } from "node:module";
-import { basename, extname, join, normalize, resolve } from "node:path";
-import { fileURLToPath } from "node:url";
+import { basename, join, normalize, resolve } from "node:path";
+import { blankPage, root } from "./blank_page.mjs";
 import { range } from "./map_film.mjs";
 
-const root = fileURLToPath(new URL("../", import.meta.url));
 const [packageFolder, pictures, step = "7", first = "0", end = "800", posesFile, focal] = process.argv.slice(2);
 if (!pictures || (posesFile && !focal)) throw new Error("usage: node benches/map_browser.mjs PACKAGE PICTURES [STEP] [FIRST] [END] [POSES FOCAL]");
 const names = (await readdir(pictures, { recursive: true })).filter((name) => /\.(jpe?g|png)$/i.test(name)).sort();
@@ -38,26 +35,15 @@ if (posesFile) {
   poses = Object.fromEntries(film.map((i) => [i, known.get(names[i])]));
 }
 
-const types = { ".html": "text/html", ".js": "text/javascript", ".mjs": "text/javascript", ".wasm": "application/wasm" };
-const server = createServer((request, response) => {
-  const path = decodeURIComponent(new URL(request.url, "http://localhost").pathname);
-  if (path === "/blank.html") return void response.writeHead(200, { "content-type": "text/html" }).end("<!doctype html>");
+const bases = { package: resolve(packageFolder), pictures: resolve(pictures), benches: join(root, "benches") };
+const { page, browser, close } = await blankPage((path) => {
   const [, folder, ...rest] = path.split("/");
-  const base = { package: resolve(packageFolder), pictures: resolve(pictures), benches: join(root, "benches") }[folder];
+  const base = bases[folder];
   const file = base && join(base, normalize(rest.join("/")));
-  if (!file || !file.startsWith(base) || !existsSync(file) || !statSync(file).isFile()) return void response.writeHead(404).end();
-  response.writeHead(200, { "content-type": types[extname(file)] ?? "application/octet-stream" });
-  createReadStream(file).pipe(response);
-});
-await new Promise((done) => server.listen(0, "127.0.0.1", done));
-
-const { chromium } = createRequire(join(root, "web/package.json"))("playwright-core");
-const browser = await chromium.launch({ executablePath: process.env.CHROME ?? "/usr/bin/chromium", headless: true, args: ["--no-sandbox"] });
-const page = await browser.newPage();
-page.setDefaultTimeout(3_600_000);
+  return file?.startsWith(base) ? file : undefined;
+}, 3_600_000);
 page.on("console", (message) => console.error(message.text()));
 page.on("pageerror", (error) => console.error(error));
-await page.goto(`http://localhost:${server.address().port}/blank.html`);
 
 /** The largest peak of the browser's page processes in MB, as Linux counts it; undefined elsewhere. */
 async function peak() {
@@ -89,5 +75,4 @@ const result = await page.evaluate(
 console.error(`the page's process: at most ${await peak()} MB`);
 const named = (rows) => rows.map(({ name, pose }) => ({ name: names[Number(name)], pose }));
 console.log(JSON.stringify({ placed: named(result.placed), found: named(result.found) }));
-await browser.close();
-server.close();
+await close();

@@ -3,7 +3,7 @@
 use super::Relocalizer;
 use super::error::LocateError;
 use crate::features::FeatureSet;
-use crate::geometry::{CamFromWorld, Camera, PixelMap};
+use crate::geometry::{CamFromWorld, Camera};
 use crate::landmarks::{
     FoundAgain, LandmarkTable, Landmarks, LookOptions, SecondLook, SolvedCamera,
 };
@@ -172,15 +172,7 @@ impl Again {
         }) else {
             return Ok(());
         };
-        let scale = PixelMap::<(), ()>::from_scale(
-            f64::from(width) / f64::from(scene.width),
-            f64::from(height) / f64::from(scene.height),
-        );
-        let stretched = Camera {
-            width,
-            height,
-            ..scene.resized(&scale)
-        };
+        let stretched = scene.stretched_to(width, height);
         let options = PoseOptions {
             focal: Focal::Known,
             ..*frame.options

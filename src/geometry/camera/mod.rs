@@ -125,18 +125,23 @@ impl Camera {
     /// The camera for pictures of another size, taken to be the same pictures resized; `None` where the shape differs by more
     /// than a size rounded to whole pixels does.
     pub fn for_size(&self, width: u32, height: u32) -> Option<Self> {
-        let (from_width, from_height) = (f64::from(self.width), f64::from(self.height));
-        let (scale_x, scale_y) = (
-            f64::from(width) / from_width,
-            f64::from(height) / from_height,
-        );
-        let off_px = (from_height * scale_x - f64::from(height)).abs();
+        let scale_x = f64::from(width) / f64::from(self.width);
+        let off_px = (f64::from(self.height) * scale_x - f64::from(height)).abs();
         let is_same_shape = width > 0 && height > 0 && off_px.min(off_px / scale_x) <= 1.0;
-        is_same_shape.then(|| Self {
+        is_same_shape.then(|| self.stretched_to(width, height))
+    }
+
+    /// The camera of the whole picture resized to this size, each side by its own factor.
+    pub fn stretched_to(&self, width: u32, height: u32) -> Self {
+        let map = PixelMap::<(), ()>::from_scale(
+            f64::from(width) / f64::from(self.width),
+            f64::from(height) / f64::from(self.height),
+        );
+        Self {
             width,
             height,
-            ..self.resized(&PixelMap::<(), ()>::from_scale(scale_x, scale_y))
-        })
+            ..self.resized(&map)
+        }
     }
 
     /// The camera of the same picture after a resize or crop. Distortion acts before the focal length, so its parameters

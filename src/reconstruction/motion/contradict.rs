@@ -37,7 +37,6 @@ struct Judged {
 fn judge(ground: &Ground<'_>, attempt: &Attempt) -> Vec<Judged> {
     let (_, views, position) = ground.posed(attempt);
     let view = |i: usize| views.get(position[i] as usize);
-    let judges_turns = views.len() >= JUDGED_FROM;
     let judged = parallel::map(ground.pairs.len(), |p| {
         let pair = &ground.pairs[p];
         let (a, b) = (pair.a as usize, pair.b as usize);
@@ -55,11 +54,7 @@ fn judge(ground: &Ground<'_>, attempt: &Attempt) -> Vec<Judged> {
             })
             .count();
         let (from, to) = (&first.cam_from_world, &second.cam_from_world);
-        let own = if judges_turns {
-            pair.geometry.b_from_a.rotation * from.rotation
-        } else {
-            to.rotation
-        };
+        let own = pair.geometry.b_from_a.rotation * from.rotation;
         Some(Judged {
             a,
             b,
@@ -160,7 +155,7 @@ pub(super) fn drop_contradicted(ground: &Ground<'_>, attempt: &mut Attempt) -> u
                 .collect();
             agreeing > 0
                 && contradicting as f64 <= MAX_CONTRADICTION * agreeing as f64
-                && turns_alike(&off)
+                && (!judges_turns || turns_alike(&off))
         };
         let Some(next) = waiting.iter().position(|p| is_sure(*p)) else {
             break;

@@ -507,6 +507,8 @@ export declare class Mapper extends EventTarget {
     build(options?: BuildOptions): Promise<MapResult>;
     /** Writes the scene of the map that `build` made once more: with its lengths in metres, upright, or under another name. */
     write(options?: WriteOptions): Promise<MapResult>;
+    /** Features and tracks of the map that `build` made, as the label file that `landline train` takes. Some hundred kilobytes a picture. */
+    labels(): Promise<Uint8Array>;
     /** Forgets the film. */
     clear(): Promise<void>;
     /** Calls a listener with what an event tells; the answer takes it away again. */
@@ -555,7 +557,10 @@ export interface FrameOptions {
     timestamp?: number;
     /** Of this frame. Without them, and without EXIF data, the focal length is found out. */
     intrinsics?: Intrinsics;
-    /** Where the frame was taken, in metres: a placement, or its `cameraFromWorld`. All frames of a film have one, or none; with intrinsics. */
+    /**
+     * Where the frame was taken, in metres: a placement, or its `cameraFromWorld`. All frames of a film have one, or none; with
+     * intrinsics. Where the pictures contradict them they are adjusted, held by what was given; the report says so.
+     */
     pose?: Placement | ArrayLike<number>;
     /** Downwards in camera axes (x right, y down, z forward), as `motionSensors()` tells. */
     gravity?: Vec3;
@@ -643,6 +648,8 @@ export interface MapPicture {
 }
 export interface MapReport {
     pictures: MapPicture[];
+    /** Where the poses came from, and what was done with given ones: one line for people. */
+    poses: string;
     /** Pieces that the film fell into; the map is the largest. */
     components: number;
     /** Focal length in pixels of the frames, whose size is `width` x `height`. */

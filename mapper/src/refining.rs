@@ -11,7 +11,7 @@ use landline::geometry::{CamFromWorld, CameraModel};
 use landline::mapping::TrackStats;
 use landline::reconstruction::motion::{
     CameraGroup, MotionError, MotionParams, Picture, RefineParams, Refined, Refinement,
-    candidate_pairs, match_candidates,
+    candidate_pairs, disagreement, match_candidates,
 };
 use pollster::block_on;
 
@@ -61,12 +61,6 @@ pub enum RefiningError {
 
 /// Up to so many pictures the adjustment is dense, and quick.
 const MOST_PICTURES: usize = 500;
-/// Pairs that are looked at to see whether poses and pictures disagree.
-const SAMPLE_PAIRS: usize = 200;
-/// Median distance of verified matches from their epipolar lines, in pixels of a picture 640 wide, up to which poses are as good
-/// as keypoints are.
-const GOOD_PX: f64 = 1.1;
-
 /// Refines the poses of the training pictures where that is asked for and helps. What it did, in one line.
 ///
 /// # Errors
@@ -138,22 +132,18 @@ pub fn refine(
         changed
     };
     if is_auto {
-        let step = pairs.len().div_ceil(SAMPLE_PAIRS).max(1);
-        let sample: Vec<(usize, usize)> = pairs.iter().copied().step_by(step).collect();
-        let side = groups.iter().map(|g| g.camera.width.max(g.camera.height));
-        let unit = f64::from(side.max().unwrap_or(640)) / 640.0;
-        let off = matched(&seen, &sample, &given, &mut bars)
-            .ok()
-            .and_then(|r| r.epipolar_px());
+        let off = disagreement(&pictures, &groups, &given, &pairs, &params, &mut bars);
+        let off = block_on(off).ok().flatten();
         match off {
             None => {
                 return Ok(Some(
                     "left as they are: too few matches to judge them".to_owned(),
                 ));
             }
-            Some(px) if px <= GOOD_PX * unit => {
+            Some(off) if !off.is_large() => {
                 return Ok(Some(format!(
-                    "left as they are: matches lie {px:.2} px from where they put them"
+                    "left as they are: matches lie {:.2} px from where they put them",
+                    off.epipolar_px
                 )));
             }
             Some(_) => {}

@@ -1,11 +1,14 @@
 //! From the keyframes of a film to a map: poses, points, lines, and from the map to a scene.
 
+use super::given::{PoseSource, settled};
+use super::labels::{LabelSource, LabelSourceError};
 use super::scene::{Origin, SceneError, SceneRequest, add_landmarks, landmark_networks, scene_of};
 use super::tracks::{TrackError, TrackParams, TrackStats, check_poses, line_tracks, point_tracks};
 use crate::geometry::{CamFromWorld, Camera, Units};
 use crate::math::stats::median_in_place;
 use crate::reconstruction::motion::{
-    CameraGroup, LeftOut, MotionError, MotionParams, Picture, match_pictures, reconstruct_motion,
+    CameraGroup, LeftOut, MotionError, MotionParams, Picture, RefineParams, match_pictures,
+    reconstruct_motion,
 };
 use crate::reconstruction::{
     LineTrack, Observer, PointTrack, PosedView, Reconstruction, Stage, View, Watch,
@@ -14,12 +17,24 @@ use crate::scene_file::SceneFile;
 use nalgebra::Vector3;
 
 /// Every setting of the way from keyframes to a map.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct FilmParams {
     /// Poses.
     pub motion: MotionParams,
+    /// How far given poses are believed where the pictures contradict them; without it they are taken as they are.
+    pub given: Option<RefineParams>,
     /// Points and lines.
     pub tracks: TrackParams,
+}
+
+impl Default for FilmParams {
+    fn default() -> Self {
+        Self {
+            motion: MotionParams::default(),
+            given: Some(RefineParams::default()),
+            tracks: TrackParams::default(),
+        }
+    }
 }
 
 /// Why there is no map.
@@ -63,6 +78,9 @@ pub enum FilmError {
     /// No scene.
     #[error(transparent)]
     Scene(#[from] SceneError),
+    /// No label file.
+    #[error("labels: {0}")]
+    Labels(#[from] LabelSourceError),
     /// The observer stopped it.
     #[error("stopped")]
     Stopped,
@@ -95,6 +113,8 @@ pub const MIN_PICTURES: usize = 3;
 pub struct FilmMap {
     /// Of the keyframes that have a pose.
     pub camera: Camera,
+    /// Where the poses came from.
+    pub source: PoseSource,
     /// One for each keyframe, in their order.
     pub cam_from_world: Vec<Option<CamFromWorld>>,
     /// Keyframes that have a pose, ascending.
@@ -117,13 +137,15 @@ pub struct FilmMap {
 
 struct Posed {
     camera: Camera,
+    source: PoseSource,
     cam_from_world: Vec<Option<CamFromWorld>>,
     left_out: Vec<(usize, LeftOut)>,
     num_components: usize,
     units: Units,
 }
 
-/// Poses, points and lines of keyframes of one camera. Views that all have a pose keep it; those of views without are found.
+/// Poses, points and lines of keyframes of one camera. Views that all have a pose keep it, or one near it where the pictures say
+/// so; those of views without are found.
 ///
 /// # Errors
 /// [`FilmError`]: too few pictures, nothing that can be reconstructed, or the observer stopped it.
@@ -138,9 +160,11 @@ pub async fn map_film(
     }
     let num_posed = views.iter().filter(|v| v.cam_from_world.is_some()).count();
     let posed = if num_posed == views.len() {
+        let (cam_from_world, source) = settled(views, group, params, observer).await?;
         Posed {
             camera: group.camera,
-            cam_from_world: views.iter().map(|v| v.cam_from_world).collect(),
+            source,
+            cam_from_world,
             left_out: Vec::new(),
             num_components: 1,
             units: Units::Metres,
@@ -166,6 +190,7 @@ pub async fn map_film(
     let is_posed = |i: &usize| posed.cam_from_world[*i].is_some();
     Ok(FilmMap {
         camera,
+        source: posed.source,
         posed: (0..views.len()).filter(is_posed).collect(),
         cam_from_world: posed.cam_from_world,
         left_out: posed.left_out,
@@ -178,6 +203,17 @@ pub async fn map_film(
     })
 }
 
+/// All of one camera.
+pub(super) fn pictures(views: &[View]) -> Vec<Picture<'_>> {
+    views
+        .iter()
+        .map(|view| Picture {
+            features: &view.features,
+            camera: 0,
+        })
+        .collect()
+}
+
 /// Structure from motion; the largest piece.
 async fn poses(
     views: &[View],
@@ -185,13 +221,7 @@ async fn poses(
     params: &MotionParams,
     observer: &mut dyn Observer,
 ) -> Result<Posed, FilmError> {
-    let pictures: Vec<Picture<'_>> = views
-        .iter()
-        .map(|view| Picture {
-            features: &view.features,
-            camera: 0,
-        })
-        .collect();
+    let pictures = pictures(views);
     let groups = std::slice::from_ref(group);
     let matches = match_pictures(&pictures, groups, params, observer).await?;
     let motion = reconstruct_motion(&pictures, groups, &matches, params, observer).await?;
@@ -212,6 +242,7 @@ async fn poses(
     left_out.sort_unstable_by_key(|(i, _)| *i);
     Ok(Posed {
         camera,
+        source: PoseSource::Pictures,
         cam_from_world: largest.cam_from_world,
         left_out,
         num_components,
@@ -235,18 +266,43 @@ impl FilmMap {
         let mut watch = Watch::new(observer);
         let told = watch.tell(Stage::Landmarks, 0, 2).await;
         told.ok_or(FilmError::Stopped)?;
-        let mut map = Reconstruction {
+        let map = self.lend(views);
+        let made = make_scene(&map, origin, request, &mut watch).await;
+        self.give_back(map, views);
+        made
+    }
+
+    /// The label file of this map, which `landline train` takes; as [`Self::scene`] of the views that it was made of.
+    ///
+    /// # Errors
+    /// [`LabelSourceError`] when the file cannot be written.
+    pub fn labels(&self, views: &mut [View], origin: &Origin) -> Result<Vec<u8>, LabelSourceError> {
+        let map = self.lend(views);
+        let source = LabelSource {
+            origin,
+            map: &map,
+            variants: Vec::new(),
+        };
+        let made = source.to_bytes();
+        self.give_back(map, views);
+        made
+    }
+
+    /// The map with its views, whose features are the caller's.
+    fn lend(&self, views: &mut [View]) -> Reconstruction {
+        Reconstruction {
             views: self.posed.iter().map(|i| self.taken(*i, views)).collect(),
             points: self.points.clone(),
             lines: self.lines.clone(),
             units: self.units,
             gravity: self.gravity,
-        };
-        let made = make_scene(&map, origin, request, &mut watch).await;
+        }
+    }
+
+    fn give_back(&self, mut map: Reconstruction, views: &mut [View]) {
         for (i, view) in self.posed.iter().zip(&mut map.views) {
             views[*i].features = std::mem::take(&mut view.features);
         }
-        made
     }
 
     /// A view with its pose; the caller's keeps all but the features.

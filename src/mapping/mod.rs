@@ -10,13 +10,20 @@
 //!   [`Observer`](crate::reconstruction::Observer), which may stop it; keyframes stay usable then.
 
 mod film;
+mod given;
 mod keyframes;
+mod labels;
 mod recorder;
 mod scene;
 mod tracks;
 
 pub use film::{FilmError, FilmMap, FilmParams, MIN_PICTURES, map_film};
+pub use given::{Adjusted, PoseSource};
 pub use keyframes::{Advice, Exposure, KeyframeChoice, KeyframeParams, NotKept, Verdict};
+pub use labels::{
+    LABEL_FORMAT, LABEL_VERSION, LabelHeader, LabelSource, LabelSourceError, LabelTensor,
+    LabelledPicture,
+};
 pub use recorder::{DistanceError, Film, FrameCamera, FrameInfo, KnownDistance};
 pub use scene::{
     Networks, Origin, SceneError, SceneRequest, add_landmarks, landmark_networks, scene_of,

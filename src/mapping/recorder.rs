@@ -211,6 +211,22 @@ impl Film {
         map.scene(&mut self.views, origin, request, observer).await
     }
 
+    /// The label file of the map, which `landline train` takes. Pictures without a name are called by their number.
+    ///
+    /// # Errors
+    /// [`FilmError::TooFew`] without a map, [`FilmError::Labels`] when the file cannot be written.
+    pub fn labels(&mut self, origin: &Origin) -> Result<Vec<u8>, FilmError> {
+        let Some(map) = &self.map else {
+            return Err(FilmError::TooFew { found: 0 });
+        };
+        for (i, view) in self.views.iter_mut().enumerate() {
+            if view.name.is_empty() {
+                view.name = format!("{i:05}");
+            }
+        }
+        Ok(map.labels(&mut self.views, origin)?)
+    }
+
     /// Sets the direction of gravity in the world, a vector of any length above zero.
     pub fn set_gravity(&mut self, gravity: Vector3<f64>) {
         if let Some(map) = &mut self.map {

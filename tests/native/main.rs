@@ -2,6 +2,7 @@
 
 mod docs;
 mod follow;
+mod given_poses;
 #[cfg(feature = "webgpu")]
 mod gpu;
 #[cfg(feature = "webgpu")]

@@ -70,6 +70,10 @@ export class Mapper {
     return this.#result();
   }
 
+  async labels() {
+    return new TextEncoder().encode("features and tracks");
+  }
+
   #result() {
     const { pictures, camera } = this.#map;
     const posed = Math.max(2, Math.round(told().registeredShare * this.keyframes));

@@ -67,6 +67,11 @@ test("a film becomes a scene that locates what it has not seen", { timeout: 240_
 
   // A metre stick: two corners of the same picture whose distance is known from the map itself.
   const [a, b] = [{ keyframe: first, x: 90, y: 110 }, { keyframe: first, x: 230, y: 120 }];
+  assert.match(report.poses, /from the pictures alone/);
+  const labels = await mapper.labels();
+  const header = JSON.parse(new TextDecoder().decode(labels.subarray(8, 8 + Number(new DataView(labels.buffer).getBigUint64(0, true)))));
+  assert.equal(header.__metadata__.format, "landline labels 3");
+  assert.equal(header.points.shape[0], report.points);
   const once = await mapper.write({ scale: { from: a, to: b, metres: 1 }, up: { x: 0, y: -1, z: 0 } });
   const twice = await mapper.write({ scale: { from: a, to: b, metres: 2 } });
   assert.equal(once.report.units, "metres");
@@ -81,6 +86,7 @@ test("with poses given, the map is in their world", { timeout: 120_000 }, async 
   const { mapper } = await filmed(t, Mapper, 8, (eye, yaw) => ({ pose: pose(eye, yaw), intrinsics: camera }));
   const { report } = await mapper.build();
   assert.equal(report.units, "metres");
+  assert.match(report.poses, /^as given\b.* matches lie \d\.\d\d /);
   assert.ok(report.points > 100 && report.medianReprojection < 1.5, JSON.stringify(report.medianReprojection));
   // What is seen lies on the walls and boxes: none of it outside of the room.
   const { points } = report.cloud;

@@ -183,6 +183,11 @@ test("making the map can be cancelled, and what fails says why and what helps", 
   assert.equal(scale.metres, 1.5);
   assert.deepEqual([scale.from.x, scale.from.y, scale.to.y], [320, 240, 240], "pixels of the frames");
   assert.ok(Math.abs(scale.to.x - 0.7 * 640) < 1e-6);
+  await page.click("#map-training summary");
+  const [labels] = await Promise.all([page.waitForEvent("download"), page.click("#map-labels")]);
+  assert.match(labels.suggestedFilename(), /^Place-of-.*\.labels$/);
+  assert.match(await page.textContent("#map-labels-said"), /\.labels, 19 B\.$/);
+  await page.screenshot({ path: artefact("map-training.png") });
   await page.click("#map-up summary");
   await page.fill("#map-tilt-forward", "12");
   await page.click("#map-set-up");

@@ -393,6 +393,21 @@ impl RawMapper {
             .map_err(|e| js_error(Code::NoModel, &e.to_string()))
     }
 
+    /// The label file of the map that [`Self::build`] made: features and tracks, for training with the native tool.
+    ///
+    /// # Errors
+    /// A JavaScript `Error` with a `code`; the map is as it was.
+    pub fn labels(&mut self) -> Result<Vec<u8>, JsValue> {
+        if self.film.map().is_none() {
+            return Err(bad_input("there is no map yet: build it first"));
+        }
+        let origin = Origin {
+            source: "a film".to_owned(),
+            ..self.origin.clone()
+        };
+        self.film.labels(&origin).map_err(|e| from_film(&e))
+    }
+
     /// What came of the film, as JSON; `null` before there is a map.
     #[must_use]
     pub fn report(&self) -> String {
@@ -453,6 +468,7 @@ fn report(map: &FilmMap, num_keyframes: usize) -> Value {
     let (fx, fy) = map.camera.focal_px();
     json!({
         "pictures": pictures,
+        "poses": map.source.to_string(),
         "components": map.num_components,
         "focal": 0.5 * (fx + fy),
         "width": map.camera.width,

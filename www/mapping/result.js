@@ -81,6 +81,7 @@ export async function resultStep(flow, { scene, report, name }) {
       problems(missing, film?.leftOut ?? []),
       metreStick({ film, report, rewrite }),
       upSliders(() => upOf(place.report), (up) => view?.setUp(up), rewrite),
+      furtherTraining(mapper, place),
       el("div", { class: "map-ways" }, button("Done", async () => {
         await flow.discardFilm();
         await flow.toBegin();
@@ -102,6 +103,29 @@ export async function resultStep(flow, { scene, report, name }) {
   } catch (error) {
     viewNote.textContent = `The 3D view needs WebGL, which this browser does not give (${error.message}). The map itself is not affected.`;
   }
+}
+
+/** The way out for who wants more of the place than the page can make. */
+function furtherTraining(mapper, place) {
+  const said = el("p", { class: "fine", id: "map-labels-said", role: "status" });
+  const get = button("Save features and tracks", async () => {
+    try {
+      const labels = await mapper.labels();
+      const name = fileName(place.name).replace(/landline$/, "labels");
+      save(name, labels, "application/octet-stream");
+      said.textContent = `${name}, ${bytes(labels.byteLength)}.`;
+    } catch (error) {
+      said.textContent = `Not saved: ${error.message}.`;
+    }
+  }, { kind: "small-button", id: "map-labels" });
+  return el(
+    "details",
+    { class: "map-card", id: "map-training" },
+    el("summary", {}, "Train it further"),
+    el("p", {}, "On a computer the native tool makes a scene with trained networks of what this film saw; no picture is in the file."),
+    el("code", {}, "landline train NAME.labels --extractor xfeat.safetensors --out NAME.landline"),
+    el("div", { class: "row" }, get, said),
+  );
 }
 
 /** What did not become part of the map, and why. */

@@ -2,7 +2,10 @@
 
 use crate::room::{Room, room};
 use landline::geometry::{CamFromWorld, Rigid};
-use landline::mapping::TrackError;
+use landline::mapping::{FilmParams, TrackError, map_film};
+use landline::models::ExtractorKind;
+use landline::reconstruction::motion::CameraGroup;
+use landline::reconstruction::{LineTrack, Stage};
 use landline_mapper::dataset::DatasetImage;
 use landline_mapper::labels::{LabelError, Labels, Origin, TrackParams, TrackStats, build};
 use landline_mapper::progress::Progress;
@@ -195,4 +198,54 @@ fn pictures_that_belong_to_other_poses_give_no_labels() {
             "wrong poses must not look good: {stats}"
         ),
     }
+}
+
+/// What a page exports of its film is what training reads.
+#[test]
+fn labels_of_a_film_come_through_the_file() {
+    let (mut views, poses) = landline_testkit::film_pictures();
+    for (view, pose) in views.iter_mut().zip(&poses) {
+        view.cam_from_world = Some(*pose);
+    }
+    let before = views.clone();
+    let group = CameraGroup::given(landline_testkit::film_camera());
+    let mut go_on = |_: Stage, _: usize, _: usize| true;
+    let params = FilmParams::default();
+    let map = pollster::block_on(map_film(&views, &group, &params, &mut go_on)).expect("a map");
+    let origin = Origin {
+        extractor_sha256: "ab".repeat(32),
+        source: "a film".to_owned(),
+        ..Origin::default()
+    };
+    let bytes = map.labels(&mut views, &origin).expect("all have a pose");
+    assert_eq!(views, before, "features were only lent");
+    let path = std::env::temp_dir().join(format!("film-{}.labels", std::process::id()));
+    std::fs::write(&path, bytes).expect("writable");
+    let read = Labels::read_for(&path, ExtractorKind::Xfeat, &origin.extractor_sha256);
+    std::fs::remove_file(&path).expect("exists");
+    let read = read.expect("a label file");
+    assert_eq!(read.origin, origin);
+    assert_eq!(read.map.units, map.units);
+    assert_eq!(read.map.views.len(), views.len());
+    for (own, view) in read.map.views.iter().zip(&views) {
+        assert_eq!(own.name, view.name);
+        assert_eq!(own.cam_from_world, view.cam_from_world);
+        assert_eq!(own.camera, map.camera);
+        assert_eq!(own.features.descriptors_nd, view.features.descriptors_nd);
+        assert_eq!(own.features.segments, view.features.segments);
+    }
+    assert!(map.points.len() > 100 && !map.lines.is_empty());
+    let points = read.map.points.iter().zip(&map.points);
+    assert!(points.len() == map.points.len());
+    for (own, point) in points {
+        assert_eq!(own.point_in_world, point.point_in_world);
+        assert_eq!(own.observations, point.observations);
+    }
+    let seen = |lines: &[LineTrack]| -> Vec<_> {
+        lines
+            .iter()
+            .map(|l| (l.start_in_world, l.observations.clone()))
+            .collect()
+    };
+    assert_eq!(seen(&read.map.lines), seen(&map.lines));
 }

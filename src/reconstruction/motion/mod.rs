@@ -28,7 +28,7 @@ mod verify;
 
 pub use candidates::{CandidateParams, candidate_pairs};
 pub use loops::LoopParams;
-pub use refine::{Agreement, RefineParams, Refined, Refinement};
+pub use refine::{Agreement, Disagreement, RefineParams, Refined, Refinement, disagreement};
 pub use verify::{PairMatches, VerifiedPair};
 
 use super::{Observation, Observer, PointTrack, TwoViewKind, TwoViewParams, Watch};

@@ -121,6 +121,52 @@ impl Refined {
     }
 }
 
+/// Pairs that are looked at to see whether poses and pictures disagree.
+const SAMPLE_PAIRS: usize = 200;
+/// Median distance of verified matches from their epipolar lines, in pixels of a picture 640 wide, up to which poses are as good
+/// as keypoints are.
+const GOOD_PX: f64 = 1.1;
+
+/// How far given poses and pictures disagree.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Disagreement {
+    /// Median distance of matches, found without the poses, from their epipolar lines.
+    pub epipolar_px: f64,
+    /// What it may be where poses are as good as keypoints are.
+    pub usual_px: f64,
+}
+
+impl Disagreement {
+    /// Whether an adjustment is worth trying.
+    pub fn is_large(&self) -> bool {
+        self.epipolar_px > self.usual_px
+    }
+}
+
+/// Looks at some of the pairs; `None` where too little matches to judge.
+///
+/// # Errors
+/// [`MotionError`] when a picture names no camera group, there are too few, or the observer stopped it.
+pub async fn disagreement(
+    pictures: &[Picture<'_>],
+    groups: &[CameraGroup],
+    given: &[Option<CamFromWorld>],
+    pairs: &[(usize, usize)],
+    params: &MotionParams,
+    observer: &mut dyn Observer,
+) -> Result<Option<Disagreement>, MotionError> {
+    let step = pairs.len().div_ceil(SAMPLE_PAIRS).max(1);
+    let sample: Vec<(usize, usize)> = pairs.iter().copied().step_by(step).collect();
+    let matches = super::match_candidates(pictures, groups, &sample, params, observer).await?;
+    let refinement = Refinement::new(pictures, groups, given, &matches, params, observer).await?;
+    let side = groups.iter().map(|g| g.camera.width.max(g.camera.height));
+    let unit = f64::from(side.max().unwrap_or(640)) / 640.0;
+    Ok(refinement.epipolar_px().map(|epipolar_px| Disagreement {
+        epipolar_px,
+        usual_px: GOOD_PX * unit,
+    }))
+}
+
 /// Verified matches of pictures with poses, ready to say how well these fit and to bend them.
 pub struct Refinement<'a> {
     pictures: &'a [Picture<'a>],

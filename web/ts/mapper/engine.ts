@@ -55,6 +55,7 @@ export class MapperEngine {
     add: (request) => this.#add(request),
     build: () => this.#work((raw, tell, pause) => raw.build(tell, pause)).then(() => null),
     write: (request) => this.#write(request),
+    labels: () => this.#alive().labels(),
     clear: () => {
       this.#alive().clear();
       return null;

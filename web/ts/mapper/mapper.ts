@@ -165,6 +165,12 @@ export class Mapper extends EventTarget {
     return { scene: written.scene, report: this.#report(written) };
   }
 
+  /** Features and tracks of the map that `build` made, as the label file that `landline train` takes. Some hundred kilobytes a picture. */
+  async labels(): Promise<Uint8Array> {
+    this.#check();
+    return this.#channel.call("labels", null);
+  }
+
   /** Forgets the film. */
   async clear(): Promise<void> {
     this.#check();
@@ -237,9 +243,10 @@ export class Mapper extends EventTarget {
       if (registered) picture.placement = placementFrom(poses.slice(16 * keyframe, 16 * keyframe + 16));
       return picture;
     });
-    const { components, focal, width, height, points: numPoints, lines: numLines, medianReprojection } = raw;
+    const { poses: origin, components, focal, width, height, points: numPoints, lines: numLines, medianReprojection } = raw;
     const report: MapReport = {
       pictures,
+      poses: origin,
       components,
       focal,
       width,

@@ -34,6 +34,7 @@ export interface SceneRequest {
 /** What the engine says of a map. */
 export interface RawReport {
   pictures: { keyframe: number; registered: boolean; reason?: string; advice?: string }[];
+  poses: string;
   components: number;
   focal: number;
   width: number;
@@ -60,6 +61,7 @@ export interface Calls {
   add: { request: AddRequest; reply: FrameVerdict };
   build: { request: null; reply: null };
   write: { request: SceneRequest; reply: Written };
+  labels: { request: null; reply: Uint8Array };
   clear: { request: null; reply: null };
   /** Stops `build` and `write`, which reject with the code `aborted`; answered at once. */
   cancel: { request: null; reply: null };

@@ -34,7 +34,10 @@ export interface FrameOptions {
   timestamp?: number;
   /** Of this frame. Without them, and without EXIF data, the focal length is found out. */
   intrinsics?: Intrinsics;
-  /** Where the frame was taken, in metres: a placement, or its `cameraFromWorld`. All frames of a film have one, or none; with intrinsics. */
+  /**
+   * Where the frame was taken, in metres: a placement, or its `cameraFromWorld`. All frames of a film have one, or none; with
+   * intrinsics. Where the pictures contradict them they are adjusted, held by what was given; the report says so.
+   */
   pose?: Placement | ArrayLike<number>;
   /** Downwards in camera axes (x right, y down, z forward), as `motionSensors()` tells. */
   gravity?: Vec3;
@@ -116,6 +119,8 @@ export interface MapPicture {
 
 export interface MapReport {
   pictures: MapPicture[];
+  /** Where the poses came from, and what was done with given ones: one line for people. */
+  poses: string;
   /** Pieces that the film fell into; the map is the largest. */
   components: number;
   /** Focal length in pixels of the frames, whose size is `width` x `height`. */

@@ -1,21 +1,11 @@
-//! Labels on disk: one safetensors file, all pictures' rows concatenated, descriptors as f16.
-//!
-//! Counts per picture and track say where rows belong; names, cameras and where the labels are from are JSON in the
-//! header.
+//! Labels on disk; what the file is made of is in the core.
 
 mod read;
 mod write;
 
-use landline::geometry::CameraRecord;
-use serde::{Deserialize, Serialize};
+use landline::mapping::LABEL_VERSION;
 use std::io;
 use std::path::PathBuf;
-
-/// Before the version in the container's `format`.
-const FORMAT: &str = "landline labels";
-/// The version that is written, and the only one that is read: files of versions 1 and 2 say neither what their units are
-/// nor which checkpoint their features are of.
-const VERSION: u32 = 3;
 
 /// Why a label file could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -38,7 +28,7 @@ pub enum LabelFileError {
     },
     /// Labels of another version of this tool.
     #[error(
-        "label file {path}: `format` is version {found}, this tool reads version {VERSION}; make it again with `landline labels`"
+        "label file {path}: `format` is version {found}, this tool reads version {LABEL_VERSION}; make it again with `landline labels`"
     )]
     Version {
         /// The file.
@@ -79,32 +69,6 @@ pub enum LabelFileError {
         /// What disagrees.
         what: String,
     },
-}
-
-#[derive(Serialize, Deserialize)]
-struct Header {
-    extractor: String,
-    extractor_sha256: String,
-    working_max_side: u32,
-    units: String,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    gravity: Option<[f64; 3]>,
-    source: String,
-    samples_per_segment: usize,
-    images: Vec<ImageHeader>,
-}
-
-#[derive(Serialize, Deserialize)]
-struct ImageHeader {
-    name: String,
-    camera: CameraRecord,
-    rotation_row_major: [f64; 9],
-    translation: [f64; 3],
-    num_keypoints: usize,
-    num_segments: usize,
-    /// Index of the picture that this one is a variant of.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    variant_of: Option<u32>,
 }
 
 #[cfg(test)]

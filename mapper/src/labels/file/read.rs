@@ -1,11 +1,12 @@
 //! Label file to labels, with every count checked.
 
 use super::super::{LabelledVariant, Labels, Origin};
-use super::{FORMAT, Header, LabelFileError, VERSION};
+use super::LabelFileError;
 use crate::dataset::rigid_from_matrix;
 use half::f16;
 use landline::features::{FeatureSet, Keypoint};
 use landline::geometry::{CamFromWorld, Pixel, Segment2};
+use landline::mapping::{LABEL_FORMAT, LABEL_VERSION, LabelHeader};
 use landline::models::ExtractorKind;
 use landline::reconstruction::{LineTrack, Observation, PointTrack, Reconstruction, View};
 use landline::scene_file::Units;
@@ -43,16 +44,16 @@ impl Labels {
         let entries = metadata.metadata().clone().unwrap_or_default();
         let version = entries
             .get("format")
-            .and_then(|format| format.strip_prefix(FORMAT))
-            .ok_or_else(|| content(format!("its `format` is not `{FORMAT}`")))?
+            .and_then(|format| format.strip_prefix(LABEL_FORMAT))
+            .ok_or_else(|| content(format!("its `format` is not `{LABEL_FORMAT}`")))?
             .trim();
-        if version != VERSION.to_string() {
+        if version != LABEL_VERSION.to_string() {
             return Err(LabelFileError::Version {
                 path: path.to_owned(),
                 found: version.to_owned(),
             });
         }
-        let header: Header = entries
+        let header: LabelHeader = entries
             .get("labels")
             .ok_or_else(|| content("its header has no entry `labels`".to_owned()))
             .and_then(|json| serde_json::from_str(json).map_err(|e| content(e.to_string())))?;
@@ -102,7 +103,7 @@ impl Labels {
 }
 
 /// What a header says of its labels' origin, or which field holds what in place of what.
-fn origin(header: &Header) -> Result<Origin, (&'static str, String, &'static str)> {
+fn origin(header: &LabelHeader) -> Result<Origin, (&'static str, String, &'static str)> {
     let extractor = ExtractorKind::from_name(&header.extractor).ok_or_else(|| {
         (
             "extractor",
@@ -129,7 +130,7 @@ fn origin(header: &Header) -> Result<Origin, (&'static str, String, &'static str
 
 /// What a header says of its world: unit of lengths, direction of gravity; or which field holds what in place of what.
 fn world(
-    header: &Header,
+    header: &LabelHeader,
 ) -> Result<(Units, Option<Vector3<f64>>), (&'static str, String, &'static str)> {
     let units = Units::from_name(&header.units)
         .ok_or_else(|| ("units", header.units.clone(), "expected `m` or `arbitrary`"))?;
@@ -186,7 +187,7 @@ impl<'a> Columns<'a> {
         self.rows(name, Dtype::I64, i64::from_le_bytes, |_| true)
     }
 
-    fn labels(&self, header: Header) -> Result<Labels, String> {
+    fn labels(&self, header: LabelHeader) -> Result<Labels, String> {
         let d = self
             .file
             .tensor("descriptors")

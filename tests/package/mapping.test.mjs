@@ -146,6 +146,7 @@ test("making the map can be cancelled, and what fails says why and what helps", 
   await page.click("[data-source=map]");
   const files = await Promise.all(pictures.slice(0, 4).map(async ({ name, path }) => ({ name, mimeType: "image/jpeg", buffer: await readFile(path) })));
   await page.setInputFiles("#map-pictures", [...files, { name: "notes.jpg", mimeType: "image/jpeg", buffer: Buffer.from("no picture") }, { name: "night.bmp", mimeType: "image/bmp", buffer: blackBitmap() }]);
+  await page.waitForFunction(() => document.querySelector(".map-advice")?.textContent === "Kept");
   await page.waitForSelector('.map-stages [data-state="now"]');
   await page.click("#map-cancel");
   await heading(page, "Cancelled");
@@ -189,6 +190,7 @@ test("making the map can be cancelled, and what fails says why and what helps", 
   assert.match(await page.textContent("#map-labels-said"), /\.labels, 19 B\.$/);
   await page.screenshot({ path: artefact("map-training.png") });
   await page.click("#map-up summary");
+  await page.waitForSelector("#map-up canvas", { state: "visible" });
   await page.fill("#map-tilt-forward", "12");
   await page.click("#map-set-up");
   const { up } = await page.waitForFunction(() => globalThis.written.find((what) => what.up)).then((handle) => handle.jsonValue());

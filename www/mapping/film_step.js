@@ -121,7 +121,7 @@ export async function filmStep(flow, source, files) {
       if (left) return;
       if (verdict.kept) await flow.film.add(verdict.keyframe, timestamp, drawable, name);
       else if (name) leftOut.push([name, leftOutWords(verdict.reason)]);
-      say(adviceOf(verdict));
+      say(adviceOf(verdict, isCamera));
       count();
       if (verdict.reason === "full") break;
     }

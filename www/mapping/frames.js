@@ -44,7 +44,7 @@ function event(target, name, failure, stop) {
 
 /** A video file, from its beginning to its end in even steps, however long each takes. `share` is how much of it is done. */
 export async function* framesOfVideo(video, file, stop) {
-  const failure = () => Object.assign(new Error(`${file.name} cannot be played here`), { code: "bad-input", hint: "Use an MP4 (H.264) or WebM video." });
+  const failure = () => Object.assign(new Error(`“${file.name}” cannot be played here`), { code: "bad-input", hint: "Use an MP4 (H.264) or WebM video." });
   const url = URL.createObjectURL(file);
   const canvas = new OffscreenCanvas(1, 1);
   try {

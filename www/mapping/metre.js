@@ -104,7 +104,7 @@ export function metreStick({ film, report, rewrite }) {
     canvas,
     el("div", { class: "row" }, button("Previous picture", () => choose(-1), { kind: "small-button" }), button("Next picture", () => choose(1), { kind: "small-button" })),
     said,
-    el("div", { class: "row" }, el("label", {}, "Their distance in metres ", distance), set),
+    el("div", { class: "row map-measure" }, el("label", {}, "Their distance in metres ", distance), set),
   );
   return details;
 }

@@ -66,7 +66,7 @@ export async function resultStep(flow, { scene, report, name }) {
   });
 
   const all = report.pictures.length;
-  const facts = [`${registered.length} of ${plural(all, "picture")} found their place`, plural(report.points, "point"), plural(report.lines, "line"), `${report.medianReprojection.toFixed(1)} px apart in the median`, ...(report.seconds >= 1 ? [`made in ${duration(report.seconds)}`] : [])];
+  const facts = [`${registered.length} of ${plural(all, "picture")} found their place`, plural(report.points, "point"), plural(report.lines, "line"), `${report.medianReprojection.toFixed(1)} px off in the median`, ...(report.seconds >= 1 ? [`made in ${duration(report.seconds)}`] : [])];
   flow.show(
     "result",
     [
@@ -80,7 +80,7 @@ export async function resultStep(flow, { scene, report, name }) {
       el("p", { class: "fine" }, "Orange: lines. Blue: points. White: where the camera stood, with its way in green."),
       problems(missing, film?.leftOut ?? []),
       metreStick({ film, report, rewrite }),
-      upSliders(() => upOf(place.report), (up) => view?.setUp(up), rewrite),
+      upSliders({ up: () => upOf(place.report), preview: (up) => view?.setUp(up), rewrite, frame }),
       furtherTraining(mapper, place),
       el("div", { class: "map-ways" }, button("Done", async () => {
         await flow.discardFilm();

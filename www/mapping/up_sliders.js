@@ -2,8 +2,11 @@
 import { button, el } from "./elements.js";
 import { tilted } from "./up.js";
 
-/** `up` tells what is up at present, `preview` shows another at once, `rewrite` writes it into the place. */
-export function upSliders(up, preview, rewrite) {
+/**
+ * `up` tells what is up at present, `preview` shows another at once, `rewrite` writes it into the place. `frame` has the 3D
+ * view, which comes to the sliders while they are open: on a phone it is out of sight else.
+ */
+export function upSliders({ up, preview, rewrite, frame }) {
   const said = el("p", { class: "fine", role: "status" });
   const slider = (id) => el("input", { type: "range", id, min: -60, max: 60, step: 1, value: 0, oninput: () => preview(now()) });
   const [forward, sideways] = [slider("map-tilt-forward"), slider("map-tilt-sideways")];
@@ -17,13 +20,22 @@ export function upSliders(up, preview, rewrite) {
       said.textContent = `Not changed: ${error.message}.`;
     }
   };
-  return el(
+  const home = document.createComment("");
+  const words = el("p", {}, "Up is taken from how the device was held. Tilt until the grid lies on the floor.");
+  const move = () => {
+    if (!details.open) return home.replaceWith(frame);
+    if (home.parentNode) return;
+    frame.replaceWith(home);
+    words.after(frame);
+  };
+  const details = el(
     "details",
-    { class: "map-card", id: "map-up" },
+    { class: "map-card", id: "map-up", ontoggle: move },
     el("summary", {}, "Is the floor level?"),
-    el("p", {}, "Up is taken from how the device was held. Tilt until the grid lies on the floor."),
+    words,
     el("label", { class: "slider" }, "Forwards ", forward),
     el("label", { class: "slider" }, "Sideways ", sideways),
     el("div", { class: "row" }, button("This is up", set, { kind: "small-button", id: "map-set-up" }), said),
   );
+  return details;
 }

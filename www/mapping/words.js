@@ -19,9 +19,10 @@ const notKeptWords = {
   full: "No room for more pictures. Stop, and make the map",
 };
 
-/** What to say of one frame, and how urgent that is. */
-export function adviceOf(verdict) {
+/** What to say of one frame, and how urgent that is. Of files, which nobody can film better any more, only what became of them. */
+export function adviceOf(verdict, isCamera = true) {
   const kind = verdict.advice ?? (verdict.kept || verdict.reason === "too-similar" ? "" : "warn");
+  if (!isCamera) return { text: verdict.kept ? "Kept" : `Left out: ${leftOutWords(verdict.reason)}`, kind: verdict.kept || verdict.reason === "too-similar" ? "good" : "warn" };
   const text = verdict.kept ? (adviceWords[verdict.advice] ?? "Good. Keep walking") : (adviceWords[verdict.advice] ?? notKeptWords[verdict.reason] ?? "Not kept");
   return { text, kind: kind === "enough" || kind === "" ? "good" : "warn" };
 }

@@ -1,6 +1,7 @@
 //! Library behind the native tool `landline`: data set readers, labels, training, evaluation, model conversion.
 
 pub mod args;
+pub mod asked;
 pub mod augment;
 pub mod cmd;
 pub mod dataset;
@@ -16,6 +17,7 @@ pub mod labels;
 pub mod overlay;
 pub mod paper;
 pub mod picture;
+pub mod place;
 mod plot;
 pub mod posing;
 pub mod progress;

@@ -30,6 +30,8 @@ enum Command {
     Locate(cmd::locate::Args),
     Map(cmd::map::Args),
     Paper(cmd::paper::Args),
+    MapAll(cmd::map_all::Args),
+    Place(cmd::place::Args),
     Poses(cmd::poses::Args),
     #[cfg(feature = "train")]
     Train(cmd::train::Args),
@@ -51,6 +53,8 @@ fn main() -> ExitCode {
         Command::Locate(args) => cmd::locate::run(args),
         Command::Map(args) => cmd::map::run(args),
         Command::Paper(args) => cmd::paper::run(args),
+        Command::MapAll(args) => cmd::map_all::run(args),
+        Command::Place(args) => cmd::place::run(args),
         Command::Poses(args) => cmd::poses::run(args),
         #[cfg(feature = "train")]
         Command::Train(args) => cmd::train::run(args),

@@ -14,6 +14,8 @@ pub mod lines;
 pub mod locate;
 pub mod map;
 pub mod paper;
+pub mod map_all;
+pub mod place;
 pub mod poses;
 #[cfg(feature = "train")]
 pub mod train;

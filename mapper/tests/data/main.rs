@@ -8,6 +8,7 @@ mod folder;
 mod imported;
 mod labels;
 mod paper;
+mod place;
 mod readers;
 mod room;
 mod splits;

@@ -107,14 +107,14 @@ impl Asking {
         Ok(report)
     }
 
-    /// Room and position of a picture, as a line.
+    /// Room and position of a picture, as a line. `camera` is that of the picture, where it is known.
     ///
     /// # Errors
     /// When the picture cannot be read.
-    pub fn told(&mut self, path: &Path) -> Result<String> {
+    pub fn told(&mut self, path: &Path, camera: Option<Camera>) -> Result<String> {
         let rgb = picture::read(path)?.into_rgb8();
         self.place.leave();
-        let report = self.locate(&rgb, None)?;
+        let report = self.locate(&rgb, camera)?;
         Ok(match (&report.session.frame.outcome, report.room) {
             (Outcome::Located(l), Some(room)) => {
                 let c = l.cam_from_world.center_in_world();

@@ -13,8 +13,8 @@ pub mod landmarks;
 pub mod lines;
 pub mod locate;
 pub mod map;
-pub mod paper;
 pub mod map_all;
+pub mod paper;
 pub mod place;
 pub mod poses;
 #[cfg(feature = "train")]

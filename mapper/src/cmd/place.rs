@@ -1,11 +1,13 @@
 //! `landline place`: many rooms as one place.
 
 use crate::asked::{Asking, RoomPictures};
+use crate::dataset::camera::expressed;
 use crate::place::PlaceFiles;
 use crate::scene::ExtractorArgs;
 use crate::shown::{shown, told};
 use anyhow::{Result, ensure};
 use clap::Subcommand;
+use landline::geometry::CameraRecord;
 use std::path::PathBuf;
 
 /// Many rooms as one place: a manifest with an index that tells the rooms apart.
@@ -62,6 +64,10 @@ enum What {
         /// Pictures.
         #[arg(required = true)]
         pictures: Vec<PathBuf>,
+        /// Camera of the pictures: MODEL,width,height,parameters in COLMAP's order. Otherwise the focal length is solved with
+        /// the pose.
+        #[arg(long, value_name = "MODEL,W,H,...", value_parser = crate::dataset::parse_camera)]
+        camera: Option<CameraRecord>,
         #[command(flatten)]
         extractor: ExtractorArgs,
     },
@@ -129,12 +135,14 @@ pub fn run(args: Args) -> Result<()> {
         What::Locate {
             place,
             pictures,
+            camera,
             extractor,
         } => {
+            let camera = camera.as_ref().map(expressed).transpose()?;
             let mut asking = Asking::new(PlaceFiles::read(&place)?, extractor.read()?)?;
             let mut num_failed = 0;
             for picture in &pictures {
-                match asking.told(picture) {
+                match asking.told(picture, camera) {
                     Ok(line) => println!("{} {line}", shown(&picture.display().to_string())),
                     Err(error) => {
                         num_failed += 1;

@@ -6,7 +6,8 @@
 Every fourth test picture of each room as it is, and every eighth one zoomed (the middle, enlarged by a quarter), squeezed (to three
 quarters of its height), cropped (an eighth of the top and a quarter of the left are missing), mirrored and turned by 90 degrees.
 The intrinsics of the whole picture are passed with what keeps its size; the others come without any. Each scene also gets the
-plain pictures of the other rooms. Needs numpy and pillow.
+plain pictures of the other rooms. With `--all`: every test picture as it is, every second one altered, and every second of all
+pictures of the other rooms. Needs numpy and pillow.
 """
 
 import argparse
@@ -88,7 +89,9 @@ def main():
     parser.add_argument("--tool", required=True, help="the landline program")
     parser.add_argument("--scenes", required=True, type=pathlib.Path, help="folder with ROOM.landline")
     parser.add_argument("--data", required=True, type=pathlib.Path, help="folder of the rooms")
+    parser.add_argument("--all", action="store_true", help="more of them: half an hour")
     args = parser.parse_args()
+    step = 1 if args.all else 4
     known = list(rooms(args.data))
     print("| scene | pictures | number | located | confident | confident and wrong | median cm |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
@@ -96,18 +99,20 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         for room, pictures, positions, camera in known:
             scene = args.scenes / f"{room}.landline"
-            kinds = [("as they are", pictures[::4] if len(pictures) > 30 else pictures, camera, True)]
-            kinds.append(("without intrinsics", kinds[0][1], None, True))
+            few = pictures[::step] if len(pictures) > 30 else pictures
+            kinds = [("as they are", few, camera, True)]
+            kinds.append(("without intrinsics", few, None, True))
             for kind in ("zoomed", "squeezed", "cropped", "mirrored", "turned"):
                 made = pathlib.Path(folder) / room / kind
                 made.mkdir(parents=True)
-                for picture in kinds[0][1][::2]:
+                for picture in few[::2]:
                     altered(picture, kind).save(made / picture.name, quality=95)
                 own = camera if kind in ("zoomed", "mirrored") else None
                 kinds.append((kind, sorted(made.iterdir()), own, kind not in ("mirrored", "turned")))
             for other, foreign, _, intrinsics in known:
                 if other != room:
-                    kinds.append((f"of {other}", foreign[::4], intrinsics, False))
+                    shown = sorted(foreign[0].parent.iterdir())[::2] if args.all else foreign[::4]
+                    kinds.append((f"of {other}", shown, intrinsics, False))
             for kind, chosen, intrinsics, is_here in kinds:
                 found = locate([args.tool], scene, chosen, intrinsics)
                 errors, confident, wrong = [], 0, 0

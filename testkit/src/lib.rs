@@ -8,6 +8,7 @@ mod memory;
 mod nn_cases;
 mod parallel;
 pub mod portable;
+mod portable_film;
 mod pose_scene;
 pub mod problem_file;
 mod random_scene;

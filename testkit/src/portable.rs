@@ -1,5 +1,6 @@
 //! One number over everything that must come out in the same bits natively and as wasm: elementary functions, the line
-//! segment detector, the pose solver, and the networks on the portable kernels with selection, sampling and decoding.
+//! segment detector, the pose solver, the networks on the portable kernels with selection, sampling and decoding, and a film's
+//! way to a scene.
 //!
 //! `tests/native` writes it down, `tests/wasm_node` computes it again and compares. A difference means that an operation
 //! was used whose last digit depends on the machine. The inputs are made here from a seed with plain arithmetic.
@@ -35,7 +36,10 @@ pub fn digest() -> String {
         ("pose", pose()),
         ("operations", operations()),
         ("networks", networks()),
-    ] {
+    ]
+    .into_iter()
+    .chain(crate::portable_film::film())
+    {
         assert!(!numbers.is_empty(), "{name} gave no result");
         let mut hash = Fnv::default();
         for number in &numbers {

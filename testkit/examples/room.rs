@@ -39,13 +39,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Noise is of each picture's own.
+/// Noise is of each picture's own. A picture that is there stays: a run that was broken off goes on.
 fn take(
     room: &Room,
     view: &View,
     seed: u64,
     path: &std::path::Path,
 ) -> Result<(), Box<dyn std::error::Error>> {
+    if path.exists() {
+        return Ok(());
+    }
     let options = RenderOptions {
         seed,
         ..RenderOptions::default()

@@ -20,6 +20,7 @@ pub mod picture;
 pub mod place;
 mod plot;
 pub mod posing;
+pub mod privacy;
 pub mod progress;
 pub mod refining;
 pub mod reveals;

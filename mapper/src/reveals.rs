@@ -18,6 +18,8 @@ pub struct Revealed {
     pub extent: [f64; 3],
     /// Numbers of every point's and segment's descriptor, where the networks carry some.
     pub descriptor_numbers: [usize; 2],
+    /// Whether these numbers are signs only.
+    pub are_signs: bool,
     /// Bits of every landmark's code, where there are some.
     pub code_bits: usize,
 }
@@ -51,6 +53,12 @@ pub fn revealed(scene: &SceneFile) -> Revealed {
     Revealed {
         extent,
         descriptor_numbers: [width("point.anchor.keys"), width("line.anchor.keys")],
+        are_signs: scene.weights.get("point.anchor.keys").is_some_and(|keys| {
+            let numbers = keys.to_f32();
+            let rows = numbers.chunks(width("point.anchor.keys").max(1));
+            rows.into_iter()
+                .all(|row| row.iter().all(|v| v.abs() == row[0].abs()))
+        }),
         code_bits: scene
             .landmarks
             .as_ref()
@@ -101,6 +109,10 @@ pub fn words(scene: &SceneFile, revealed: &Revealed) -> Vec<String> {
         [0, 0] => out.push(
             "no descriptors as such: the place is in the weights of a network, which answers what it was taught".to_owned(),
         ),
+        [points, lines] if revealed.are_signs => out.push(format!(
+            "descriptors of {points} signs for points and {lines} for segments: one bit a number, less to compute a picture from, not \
+             nothing"
+        )),
         [points, lines] => out.push(format!(
             "descriptors of {points} numbers for points and {lines} for segments: from such, pictures of what surrounds each point \
              have been computed that people recognise (Pittaluga et al., CVPR 2019)"
@@ -228,6 +240,7 @@ mod tests {
         let down = Vector3::new(0.0, -1.0, 0.0);
         assert!((axes(&map, Some(down)).column(2) + down).norm() < 1e-12);
         let revealed = Revealed {
+            are_signs: false,
             map,
             extent: [4.0, 3.0, 2.0],
             descriptor_numbers: [64, 0],
@@ -270,6 +283,7 @@ mod tests {
     #[test]
     fn an_empty_map_is_no_fault() {
         let revealed = Revealed {
+            are_signs: false,
             map: Map::default(),
             extent: [0.0; 3],
             descriptor_numbers: [0, 0],

@@ -4,6 +4,7 @@ use crate::args::PrecisionArg;
 use crate::dataset::{UnitsArg, check_scale, gravity_from_up, parse_vector};
 use crate::files::write_bytes;
 use crate::import::{ImportOptions, Imported, import};
+use crate::privacy::{Privacy, hold_back};
 use crate::timestamp::now;
 use crate::weights::load_extractor;
 use anyhow::{Context as _, Result, bail, ensure};
@@ -66,6 +67,10 @@ pub struct Args {
     /// Scenes: when it was made, in UTC as ISO 8601, for files that do not say.
     #[arg(long, value_name = "YYYY-MM-DD[Thh:mm:ssZ]", value_parser = parse_timestamp)]
     created: Option<Timestamp>,
+    /// Scenes: what it holds back from strangers, at a cost in accuracy; several with commas. Weights have 8 bits then unless
+    /// `--precision` says otherwise.
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "WHAT")]
+    privacy: Vec<Privacy>,
     /// Where the checkpoint came from; goes into the file.
     #[arg(long)]
     source: Option<String>,
@@ -97,8 +102,9 @@ impl Content {
                     args.units.is_none()
                         && args.scale.is_none()
                         && args.up.is_none()
-                        && args.created.is_none(),
-                    "{} is an extractor: --units, --scale, --up and --created are for scenes",
+                        && args.created.is_none()
+                        && args.privacy.is_empty(),
+                    "{} is an extractor: --units, --scale, --up, --created and --privacy are for scenes",
                     args.checkpoint.display()
                 );
                 file.source = source.unwrap_or(std::mem::take(&mut file.source));
@@ -114,6 +120,7 @@ impl Content {
                 }
                 info.created = args.created.clone().or(info.created.take());
                 describe_world(scene, args)?;
+                hold_back(scene, &args.privacy)?;
             }
         }
         Ok(())
@@ -198,7 +205,11 @@ pub fn run(args: Args) -> Result<()> {
         ensure!(found == expected, "{name} holds {found}, not {expected}");
     }
     content.describe(&args)?;
-    let written = match (&content, is_own, args.precision) {
+    let precision = match (args.precision, args.privacy.is_empty()) {
+        (None, false) => Some(PrecisionArg::Int8),
+        (said, _) => said,
+    };
+    let written = match (&content, is_own, precision) {
         (Content::Scene(scene), true, None) => {
             SceneFile::redescribed(&bytes, |stored| stored.clone_from(scene))?
         }

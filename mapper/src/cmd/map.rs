@@ -5,6 +5,7 @@ use crate::dataset::{has_poses, open};
 use crate::extract::Extraction;
 use crate::files;
 use crate::posing::{is_video, pose_pictures};
+use crate::privacy::{Privacy, hold_back};
 use crate::progress::Progress;
 use crate::refining::refine;
 use crate::run_lock::RunLock;
@@ -37,6 +38,9 @@ pub struct Args {
     labels: Option<PathBuf>,
     #[command(flatten)]
     scene: SceneArgs,
+    /// What the scene holds back from strangers, at a cost in accuracy; several with commas.
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "WHAT")]
+    privacy: Vec<Privacy>,
     #[command(flatten)]
     posing: PosingArgs,
     #[command(flatten)]
@@ -117,12 +121,13 @@ pub fn run(mut args: Args) -> Result<()> {
         #[cfg(feature = "train")]
         training: Some(training),
     };
-    let taught = teach(&request, &mut Terminal)
+    let mut taught = teach(&request, &mut Terminal)
         .with_context(|| format!("teaching {}", args.out.display()))?;
     if let Some(path) = &args.labels {
         let labels = taught.labels.write(path);
         labels.with_context(|| format!("writing labels to {}", path.display()))?;
     }
+    hold_back(&mut taught.scene, &args.privacy)?;
     let bytes = taught.scene.to_bytes(precision)?;
     files::write_bytes(&args.out, &bytes)?;
     println!("wrote {} ({} bytes)", args.out.display(), bytes.len());

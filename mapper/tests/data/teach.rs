@@ -5,6 +5,8 @@ mod exact;
 
 use landline::mapping::SceneError;
 use landline::scene_file::{Precision, SceneFile, Timestamp, Units};
+use landline_mapper::privacy::{Privacy, PrivacyError, hold_back};
+use landline_mapper::reveals::{revealed, words};
 use landline_mapper::teach::{
     Event, Observer, SceneRequest, TeachError, add_landmarks, measure_landmarks, scene_of_landmarks,
 };
@@ -70,4 +72,71 @@ fn a_map_without_points_is_no_scene() {
         "{:?}",
         refused.err()
     );
+}
+
+/// Each choice gives a whole scene that tells less; what was measured of the other scene is gone.
+#[test]
+fn scenes_hold_back_what_they_are_told_to() {
+    let labels = exact::labels(8);
+    let (request, mut told) = (request(), Told::default());
+    let measured = measure_landmarks(&labels, &request, &mut told).expect("there are landmarks");
+    let mut whole = scene_of_landmarks(&labels, &request, measured).expect("there are landmarks");
+    add_landmarks(&mut whole, &labels.map, None, request.precision, &mut told).expect("they fit");
+    let num_bytes = whole.to_bytes(request.precision).expect("writes").len();
+    let of = |choices: &[Privacy]| {
+        let mut scene = whole.clone();
+        hold_back(&mut scene, choices).expect("anchored");
+        let bytes = scene.to_bytes(request.precision).expect("writes");
+        (SceneFile::from_bytes(&bytes).expect("reads"), bytes.len())
+    };
+    let points = |scene: &SceneFile| scene.landmarks.as_ref().map(|t| t.point_positions.len());
+    let lines = |scene: &SceneFile| scene.landmarks.as_ref().map(|t| t.line_positions.len());
+    assert_eq!(
+        of(&[]).0,
+        SceneFile::from_bytes(&whole.to_bytes(request.precision).expect("writes")).expect("reads")
+    );
+
+    let (sparse, fewer_bytes) = of(&[Privacy::Sparse]);
+    assert!(fewer_bytes < num_bytes);
+    assert_eq!(points(&sparse), points(&whole).map(|n| n.div_ceil(4)));
+    assert_eq!(lines(&sparse), lines(&whole).map(|n| n.div_ceil(4)));
+    assert!(revealed(&sparse).map.points.len() * 3 < revealed(&whole).map.points.len());
+    assert_eq!(sparse.info.training.expect("kept").held_out, None);
+
+    let (no_lines, _) = of(&[Privacy::NoLines]);
+    assert_eq!(lines(&no_lines), Some(0));
+    assert!(lines(&whole) > Some(0));
+    assert_eq!(revealed(&no_lines).map.segments.len(), 0);
+
+    let (coarse, _) = of(&[Privacy::CoarseDescriptors]);
+    let said = |scene: &SceneFile| words(scene, &revealed(scene)).join("; ");
+    assert!(said(&coarse).contains("signs") && !said(&whole).contains("signs"));
+
+    let (none, _) = of(&[Privacy::NoSecondLook]);
+    assert_eq!(none.landmarks, None);
+    assert!(
+        said(&whole).contains("where the camera went")
+            && !said(&none).contains("where the camera went")
+    );
+
+    let all = [
+        Privacy::Sparse,
+        Privacy::NoLines,
+        Privacy::CoarseDescriptors,
+        Privacy::NoSecondLook,
+    ];
+    assert!(of(&all).1 < fewer_bytes);
+
+    // The order of two choices does not matter.
+    assert_eq!(
+        of(&[Privacy::NoLines, Privacy::Sparse]).0,
+        of(&[Privacy::Sparse, Privacy::NoLines]).0
+    );
+    let attention = landline::models::RegressorConfig::preset(landline::models::Preset::Paper, 64);
+    let mut other = SceneFile {
+        config: attention,
+        ..whole
+    };
+    let refused = hold_back(&mut other, &[Privacy::Sparse]);
+    assert!(matches!(refused, Err(PrivacyError::Variant { .. })));
 }

@@ -60,6 +60,9 @@ pub enum FeatureError {
     Nn(#[from] NnError),
 }
 
+/// Most positions at which the map is read in one run.
+const MAX_SAMPLES: usize = 2048;
+
 /// How features are made.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ExtractorOptions {
@@ -89,9 +92,10 @@ impl ExtractorOptions {
         self.max_segments * self.tokens
     }
 
-    /// Samples of a full picture: its keypoints and those along its segments.
+    /// Samples of one run: all keypoints or all samples along the segments, or part of them where they would take megabytes.
     fn sample_capacity(&self) -> usize {
-        (self.keypoints.max_keypoints + self.token_capacity()).max(1)
+        let most = self.keypoints.max_keypoints.max(self.token_capacity());
+        most.clamp(1, MAX_SAMPLES)
     }
 }
 
@@ -273,17 +277,12 @@ impl Extractor {
             positions.extend([keypoint.pixel.x as f32, keypoint.pixel.y as f32]);
         }
         write_token_positions(segments, self.options.tokens, &mut positions);
-        let num_points = out.keypoints.len() * out.descriptor_channels;
-        let mut all = std::mem::take(&mut out.descriptors_nd);
-        let outcome = self.sample(&positions, &mut all);
+        let (points, tokens) = positions.split_at(2 * out.keypoints.len());
+        let outcome = self
+            .sample(points, &mut out.descriptors_nd)
+            .and_then(|()| self.sample(tokens, &mut out.segment_descriptors_nsd));
         self.positions = positions;
-        outcome?;
-        out.segment_descriptors_nsd.clear();
-        out.segment_descriptors_nsd
-            .extend_from_slice(&all[num_points..]);
-        all.truncate(num_points);
-        out.descriptors_nd = all;
-        Ok(())
+        outcome
     }
 
     /// Reads the map at positions (x, y interleaved), in as many runs as the sampler's capacity needs.

@@ -36,7 +36,11 @@ pub const NN_KINDS: [&str; 20] = [
 ];
 
 /// Kinds for widths that no network here has; every executor runs them too.
-pub const CPU_KINDS: [&str; 2] = ["attention of any depth", "soft_choice of any depth"];
+pub const CPU_KINDS: [&str; 3] = [
+    "attention of any depth",
+    "soft_choice of any depth",
+    "conv3x3 by patches",
+];
 
 /// Outputs of a run, by name.
 type Outputs = Vec<(String, Vec<f32>)>;
@@ -220,6 +224,20 @@ impl Maker {
     }
 }
 
+/// How much more coarsely than the direct sums Winograd's F(4x4, 3x3) rounds: its products of independent numbers add up with
+/// a standard deviation so many times that of the result at the last of a patch's four by four pixels, where it is largest.
+/// Along each side that is `sqrt(sum over p of A[p]^2 |G[p]|^2 |B[p]|^2 / 3)` = 5.61, with the rows of the three transforms.
+const WINOGRAD_ROUNDING: f64 = 31.5;
+
+/// [`WINOGRAD_ROUNDING`] for channels of which the CPU may take that algorithm, else one.
+fn rounding_of_conv(inner: usize, out: usize) -> f64 {
+    if inner.min(out) >= 16 {
+        WINOGRAD_ROUNDING
+    } else {
+        1.0
+    }
+}
+
 /// Rounding of a sum of so many products of numbers below one.
 fn dot_tolerance(depth: usize) -> f64 {
     4.0 * (depth as f64).sqrt() * f64::from(f32::EPSILON)
@@ -249,9 +267,12 @@ pub fn nn_case(kind: &str, seed: u64) -> NnCase {
     let channels = m.size();
     let size = [m.between(1, 13), m.between(1, 21)];
     let (tolerance, device_tolerance) = match kind {
-        "linear" | "affine" | "conv3x3" | "stem" | "stem with affine layers" => {
-            dense(kind, &mut m, channels, size)
-        }
+        "linear"
+        | "affine"
+        | "conv3x3"
+        | "conv3x3 by patches"
+        | "stem"
+        | "stem with affine layers" => dense(kind, &mut m, channels, size),
         "resize" | "avg_pool" | "max_pool" | "instance_norm" | "unfold" | "detector_heat"
         | "sample" => picture(kind, &mut m, channels, size),
         _ => rows(kind, &mut m, channels),
@@ -329,7 +350,28 @@ fn dense(kind: &str, m: &mut Maker, channels: usize, size: [usize; 2]) -> (f64, 
             }
             let y = m.g.conv3x3(x, layer);
             m.g.output("y", y);
-            (2e-6 + dot_tolerance(9 * channels), 2e-5)
+            let coarse = if stride == 1 {
+                rounding_of_conv(channels, out)
+            } else {
+                1.0
+            };
+            (2e-6 + coarse * dot_tolerance(9 * channels), 2e-5)
+        }
+        "conv3x3 by patches" => {
+            // Whole and broken vectors of every level; more patches than are transformed at once.
+            let [channels, out] = [(); 2].map(|()| m.pick(&[16, 20, 24, 32, 36, 48, 64]));
+            let size = [(); 2].map(|()| m.between(8, 37));
+            let extra = m.pick(&[0, 3]);
+            let x = m
+                .picture(size, channels + extra)
+                .channel_range(extra..extra + channels);
+            let mut layer = Dense::new("layer", out).activation(m.activation());
+            if m.between(0, 1) == 0 {
+                layer = layer.residual(m.g.input_grid("residual", size[0], size[1], out));
+            }
+            let y = m.g.conv3x3(x, layer);
+            m.g.output("y", y);
+            (2e-6 + WINOGRAD_ROUNDING * dot_tolerance(9 * channels), 2e-5)
         }
         _ => {
             let post = kind != "stem";
@@ -349,7 +391,8 @@ fn dense(kind: &str, m: &mut Maker, channels: usize, size: [usize; 2]) -> (f64, 
             let y = m.g.max_pool(y, 2, 2, 0);
             m.g.output("y", y);
             // The hidden numbers are up to ten, those of the second layer up to a thousand.
-            (1e-5 + 10.0 * dot_tolerance(9 * hidden), 2e-5)
+            let coarse = rounding_of_conv(hidden, out);
+            (1e-5 + 10.0 * coarse * dot_tolerance(9 * hidden), 2e-5)
         }
     }
 }

@@ -3,7 +3,7 @@
 use crate::golden::{Golden, cosine, relative_error};
 use landline::features::{Extractor, ExtractorOptions, FeatureSet, Keypoint, write_gray};
 use landline::models::{ExtractorKind, Sampler, ports};
-use landline::nn::cpu::CpuExecutor;
+use landline::nn::cpu::{CpuExecutor, Level};
 use landline::nn::{Executor, Weights};
 use landline::scene_file::{ExtractorFile, Precision};
 use landline_mapper::import::{ImportOptions, Imported, import};
@@ -82,10 +82,11 @@ fn dense(
     kind: ExtractorKind,
     weights: Weights,
     picture_path: &Path,
+    level: Level,
 ) -> (CpuExecutor, landline::image::GrayImage) {
     let gray = picture::read_gray(picture_path).expect("the picture decodes");
     let graph = kind.graph(gray.width, gray.height, true).expect("builds");
-    let mut net = CpuExecutor::new(graph, weights).expect("weights fit");
+    let mut net = CpuExecutor::with_level(graph, weights, level).expect("weights fit");
     write_gray(&gray.view(), net.input(ports::GRAY).expect("input"));
     net.run().expect("runs");
     (net, gray)
@@ -99,17 +100,26 @@ fn xfeat_agrees_with_the_reference() {
     let Some(file) = extractor("LANDLINE_XFEAT_CHECKPOINT", Precision::F32) else {
         return;
     };
+    // The kernels of a level may compute a layer in another way.
+    for level in Level::available() {
+        xfeat_agrees_at(level, &file, &dir);
+    }
+}
+
+fn xfeat_agrees_at(level: Level, file: &ExtractorFile, dir: &Path) {
     let options = ExtractorOptions::new(ExtractorKind::Xfeat);
-    let mut extractor =
-        Extractor::new(file.kind, file.weights.clone(), options).expect("weights fit");
-    for (name, tolerance) in [
+    let mut extractor = Extractor::new(file.kind, file.weights.clone(), options)
+        .expect("weights fit")
+        .with_level(level);
+    for (picture, tolerance) in [
         ("redkitchen_000100_small", 2e-4),
         ("redkitchen_000850", 1e-3),
         ("hololens_150", 1e-3),
     ] {
-        let golden = Golden::read(&dir.join(format!("{name}.safetensors")));
-        let png = dir.join(format!("{name}.png"));
-        let (net, gray) = dense(file.kind, file.weights.clone(), &png);
+        let name = format!("{picture} {}", level.name());
+        let golden = Golden::read(&dir.join(format!("{picture}.safetensors")));
+        let png = dir.join(format!("{picture}.png"));
+        let (net, gray) = dense(file.kind, file.weights.clone(), &png, level);
         for (ours, theirs) in [
             ("raw_features", "feats"),
             ("keypoint_logits", "keypoint_logits"),
@@ -158,7 +168,12 @@ fn xfeat_in_f16_stays_close() {
         return;
     };
     let golden = Golden::read(&dir.join("redkitchen_000850.safetensors"));
-    let (net, _) = dense(file.kind, file.weights, &dir.join("redkitchen_000850.png"));
+    let (net, _) = dense(
+        file.kind,
+        file.weights,
+        &dir.join("redkitchen_000850.png"),
+        Level::best(),
+    );
     let error = relative_error(
         net.output("raw_features").expect("output"),
         &golden.rows("feats"),
@@ -178,7 +193,12 @@ fn superpoint_open_agrees_with_the_reference() {
     };
     assert_eq!(file.kind, ExtractorKind::SuperPointOpen);
     let golden = Golden::read(&dir.join("output.safetensors"));
-    let (net, gray) = dense(file.kind, file.weights.clone(), &dir.join("image.png"));
+    let (net, gray) = dense(
+        file.kind,
+        file.weights.clone(),
+        &dir.join("image.png"),
+        Level::best(),
+    );
     for (ours, theirs) in [
         ("raw_features", "descriptor_map"),
         ("keypoint_logits", "detector_logits"),

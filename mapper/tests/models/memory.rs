@@ -77,7 +77,12 @@ fn a_frame_with_xfeat_and_the_paper_network_fits_in_80_mb() {
             neg_log10_nfa: 10.0,
         })
         .collect();
-    let (counts, peak) = peak_bytes(|| {
+    // A page has one thread; here each would have working room of its own.
+    let one_thread = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .expect("a thread starts");
+    let frame = || {
         let file = ExtractorFile::from_bytes(&extractor_bytes).expect("reads");
         let mut options = ExtractorOptions::new(file.kind);
         options.max_segments = 300;
@@ -99,7 +104,8 @@ fn a_frame_with_xfeat_and_the_paper_network_fits_in_80_mb() {
         let mut out = Predictions::default();
         regressor.run(&features, &mut out).expect("runs");
         (features.keypoints.len(), features.segments.len())
-    });
+    };
+    let (counts, peak) = one_thread.install(|| peak_bytes(frame));
     assert_eq!(counts, (1024, 300), "a full frame");
     println!(
         "peak {:.1} MB, of which files {:.1} MB",

@@ -10,6 +10,7 @@
 
 mod kernels;
 mod mutual;
+mod prepare;
 mod split;
 
 use std::ops::Range;
@@ -22,18 +23,21 @@ use kernels::{
     gemm::{self, Packed, Product},
     norm,
     soft_choice::{self, SoftChoice},
+    winograd,
 };
 
 pub use crate::simd::Level;
 pub use mutual::{MutualNearest, MutualPair};
 
+use prepare::{grid_of, is_winograd, last_weight_uses, pack, scratch_len};
+
 use super::{
     error::NnError,
     executor::Executor,
-    graph::{Graph, Node},
+    graph::Graph,
     op::{Activation, Op},
     plan::Plan,
-    shape::{Grid, Rows, Tensor, WeightId},
+    shape::{Rows, Tensor, WeightId},
     weights::Weights,
 };
 
@@ -93,7 +97,7 @@ impl CpuExecutor {
     pub fn with_level(graph: Graph, mut weights: Weights, level: Level) -> Result<Self, NnError> {
         let mut matrices = Vec::new();
         // Operations that share a weight share its packed form.
-        let mut packed: Vec<(WeightId, Option<WeightId>, usize, Range<usize>)> = Vec::new();
+        let mut packed: Vec<(WeightId, Option<WeightId>, usize, bool, Range<usize>)> = Vec::new();
         let mut taken: Vec<Option<Vec<f32>>> = vec![None; graph.weights().len()];
         let last_use = last_weight_uses(&graph);
         let mut prepared = Vec::with_capacity(graph.nodes().len());
@@ -112,25 +116,25 @@ impl CpuExecutor {
                     } else {
                         1
                     };
+                    let tiled = is_winograd(level, node);
                     let found = packed
                         .iter()
-                        .find(|(w, b, g, _)| (w, b, *g) == (weight, bias, groups));
+                        .find(|(w, b, g, t, _)| (w, b, *g, *t) == (weight, bias, groups, tiled));
                     let range = if let Some((.., range)) = found {
                         range.clone()
                     } else {
                         let first = matrices.len();
                         let shape = &graph.weight(*weight).shape;
                         let bias_numbers = bias.map(&numbers);
-                        pack(
-                            level,
-                            shape,
-                            numbers(*weight),
-                            bias_numbers,
-                            groups,
-                            &mut matrices,
-                        );
+                        let from = numbers(*weight);
+                        if tiled {
+                            let [out, inner] = [shape[0], shape[1]];
+                            matrices.push(winograd::pack(level, inner, out, bias_numbers, from));
+                        } else {
+                            pack(level, shape, from, bias_numbers, groups, &mut matrices);
+                        }
                         let range = first..matrices.len();
-                        packed.push((*weight, *bias, groups, range.clone()));
+                        packed.push((*weight, *bias, groups, tiled, range.clone()));
                         range
                     };
                     Prepared::Matrices(range)
@@ -186,7 +190,7 @@ impl CpuExecutor {
         let scratch = graph
             .nodes()
             .iter()
-            .map(|node| scratch_len(&graph, node, &counts))
+            .map(|node| scratch_len(level, &graph, node, &counts))
             .max()
             .unwrap_or(0);
         let threads = split::threads();
@@ -298,7 +302,12 @@ impl CpuExecutor {
                     let [out, _] = part.outs;
                     let pixels = part.rows.start * width..part.rows.end * width;
                     let filled = pixels.len() * out_tensor.channels;
-                    conv3x3::convolution(Convolution {
+                    let convolution = if is_winograd(level, node) {
+                        winograd::convolution
+                    } else {
+                        conv3x3::convolution
+                    };
+                    convolution(Convolution {
                         x,
                         in_size: [in_grid.height, in_grid.width],
                         first_row: part.rows.start,
@@ -502,13 +511,6 @@ fn span(plan: &Plan, tensor: &Tensor, counts: &[usize]) -> Range<usize> {
     }
 }
 
-fn grid_of(tensor: &Tensor) -> Grid {
-    tensor.grid.unwrap_or(Grid {
-        height: 0,
-        width: 0,
-    })
-}
-
 /// Functions that the matrix kernel does not apply itself.
 fn finish_activation(level: Level, activation: Activation, numbers: &mut [f32]) {
     match activation {
@@ -516,70 +518,5 @@ fn finish_activation(level: Level, activation: Activation, numbers: &mut [f32]) 
         Activation::Gelu | Activation::Sigmoid => {
             elementwise::activate(level, activation, numbers);
         }
-    }
-}
-
-/// Packs a layer's matrix, one per group.
-fn pack(
-    level: Level,
-    shape: &[usize],
-    numbers: &[f32],
-    bias: Option<&[f32]>,
-    groups: usize,
-    to: &mut Vec<Packed>,
-) {
-    let out = shape[0] / groups;
-    let inner = shape[1];
-    for group in 0..groups {
-        let bias = bias.map(|bias| &bias[group * out..][..out]);
-        let numbers = &numbers[group * out * inner * if shape.len() == 4 { 9 } else { 1 }..];
-        to.push(if shape.len() == 4 {
-            // `[out, in, 3, 3]`
-            Packed::new(level, 9 * inner, out, bias, |k, n| {
-                numbers[conv3x3::weight_index(inner, k, n)]
-            })
-        } else {
-            Packed::new(level, inner, out, bias, |k, n| numbers[n * inner + k])
-        });
-    }
-}
-
-/// Last operation that needs each weight.
-fn last_weight_uses(graph: &Graph) -> Vec<usize> {
-    let mut last = vec![0; graph.weights().len()];
-    for (step, node) in graph.nodes().iter().enumerate() {
-        for id in node.op.weights() {
-            last[id.0] = step;
-        }
-    }
-    last
-}
-
-/// Numbers of working room that an operation needs at full capacity.
-fn scratch_len(graph: &Graph, node: &Node, capacities: &[usize]) -> usize {
-    match &node.op {
-        Op::Conv3x3 { .. } => {
-            conv3x3::band_len(grid_of(&node.inputs[0]).width, node.inputs[0].channels)
-        }
-        Op::Attention { heads, .. } => attention::scratch_len(
-            node.inputs[0].rows.at(capacities),
-            node.inputs[1].channels / heads,
-            node.inputs[2].channels / heads,
-        ),
-        Op::TokenPool { tokens, .. } => *tokens,
-        Op::SoftChoice { keys, .. } => soft_choice::scratch_len(graph.weight(*keys).shape[0]),
-        Op::DetectorHeat { block } => block * block + 1,
-        Op::Linear { .. }
-        | Op::Activate { .. }
-        | Op::Add { .. }
-        | Op::Resize
-        | Op::AvgPool { .. }
-        | Op::MaxPool { .. }
-        | Op::InstanceNorm { .. }
-        | Op::Unfold { .. }
-        | Op::LayerNorm { .. }
-        | Op::L2Norm { .. }
-        | Op::Sample { .. }
-        | Op::Keep { .. } => 0,
     }
 }

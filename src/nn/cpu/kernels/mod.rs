@@ -16,3 +16,4 @@ pub(super) mod gemm;
 pub(super) mod nearest;
 pub(super) mod norm;
 pub(super) mod soft_choice;
+pub(super) mod winograd;

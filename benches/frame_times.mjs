@@ -3,10 +3,13 @@
 //   cargo xtask web
 //   node benches/frame_times.mjs SCENE PICTURES_FOLDER FIRST-LAST FOCAL [rounds]
 //
-// Pictures are taken by their place in the sorted folder. Prints medians over all frames after five warm-up frames, and
-// the whole of the slowest frame, and the processor time of a frame under Node, which other programs do not lengthen.
-// CHROME names the browser.
+// Pictures are taken by their place in the sorted folder. The builds of the engine take turns frame by frame, and with
+// OTHER=FOLDER (`dist/site` of another commit) that one's as well, with the same scene; SITE=FOLDER stands for this commit's.
+// Prints medians over all frames after five warm-up frames ("look" is the second look, for scenes with landmarks), and each
+// build's share of the last one's time; under Node also the processor time of a frame, which other programs lengthen less.
+// Node 20 needs --experimental-wasm-relaxed-simd for the relaxed build. CHROME names the browser.
 import { readFile, readdir } from "node:fs/promises";
+import { loadavg } from "node:os";
 import { join, normalize } from "node:path";
 import { pathToFileURL } from "node:url";
 import { blankPage, root } from "./blank_page.mjs";
@@ -16,34 +19,48 @@ if (!focal) throw new Error("usage: node benches/frame_times.mjs SCENE PICTURES_
 const [first, last] = range.split("-").map(Number);
 const names = (await readdir(folder)).filter((name) => /\.(jpe?g|png)$/.test(name)).sort().slice(first, last + 1);
 const warmUp = 5;
-const stages = ["transfer", "preprocess", "features", "lines", "regress", "solve", "total"];
+const stages = ["transfer", "preprocess", "features", "lines", "regress", "solve"];
 
-const site = join(root, "dist/site");
+const site = process.env.SITE ?? join(root, "dist/site");
+const other = process.env.OTHER;
+const variants = ["plain", "relaxed", ...(other ? ["other"] : [])];
+const engine = "vendor/landline/index.js";
 const { page, browser, close } = await blankPage((path) => {
   if (path === "/scene") return sceneFile;
-  return path.startsWith("/pictures/") ? join(folder, normalize(path.slice(10))) : join(site, normalize(path));
+  if (path.startsWith("/pictures/")) return join(folder, normalize(path.slice(10)));
+  return other && path.startsWith("/other/") ? join(other, normalize(path.slice(7))) : join(site, normalize(path));
 }, 600_000);
-console.log(`Chromium ${browser.version()}, Node ${process.versions.node}, ${names.length} pictures, ${rounds} rounds`);
+console.log(`Chromium ${browser.version()}, Node ${process.versions.node}, ${names.length} pictures, ${rounds} rounds, load ${loadavg()[0].toFixed(1)}`);
 
-/** Decoded pixels, for Node. */
-const decoded = [];
-const inBrowser = [];
-await page.evaluate(async () => {
-  const { Relocalizer } = await import("/vendor/landline/index.js");
-  globalThis.relocalizer = await Relocalizer.create({ scene: "/scene", device: "cpu" });
-  globalThis.decode = async (name) => createImageBitmap(await (await fetch(`/pictures/${name}`)).blob(), { colorSpaceConversion: "none" });
-});
-const run = (name, f) =>
+await page.evaluate(
+  async ({ variants, engine }) => {
+    globalThis.relocalizers = {};
+    for (const variant of variants) {
+      const { Relocalizer } = await import(variant === "other" ? `/other/${engine}` : `/${engine}`);
+      globalThis.relocalizers[variant] = await Relocalizer.create({ scene: "/scene", device: "cpu", ...(variant === "other" ? {} : { build: variant }) });
+    }
+    globalThis.decode = async (name) => createImageBitmap(await (await fetch(`/pictures/${name}`)).blob(), { colorSpaceConversion: "none" });
+  },
+  { variants, engine },
+);
+const run = (variant, name, f) =>
   page.evaluate(
-    async ({ name, f }) => {
+    async ({ variant, name, f }) => {
       const bitmap = await globalThis.decode(name);
       const { width, height } = bitmap;
-      const { located, timingsMs } = await globalThis.relocalizer.locate(bitmap, { intrinsics: { fx: f, fy: f, cx: width / 2, cy: height / 2, width, height }, transfer: true });
+      const { located, timingsMs } = await globalThis.relocalizers[variant].locate(bitmap, { intrinsics: { fx: f, fy: f, cx: width / 2, cy: height / 2, width, height }, transfer: true });
       return { located, ...timingsMs };
     },
-    { name, f },
+    { variant, name, f },
   );
-for (let round = 0; round < Number(rounds); round++) for (const name of names) inBrowser.push(await run(name, Number(focal)));
+const inTurns = async (variants, names, locate) => {
+  const rows = Object.fromEntries(variants.map((variant) => [variant, []]));
+  for (let round = 0; round < Number(rounds); round++) for (const name of names) for (const variant of variants) rows[variant].push(await locate(variant, name));
+  return rows;
+};
+const inBrowser = await inTurns(variants, names, (variant, name) => run(variant, name, Number(focal)));
+/** Decoded pixels, for Node. */
+const decoded = [];
 for (const name of names) {
   decoded.push(
     await page.evaluate(async (name) => {
@@ -59,27 +76,45 @@ for (const name of names) {
 }
 await close();
 
-const { Relocalizer } = await import(pathToFileURL(join(root, "dist/npm/landline/index.js")));
-const relocalizer = await Relocalizer.create({ scene: new Uint8Array(await readFile(sceneFile)), device: "cpu" });
-const underNode = [];
-// Node compiles in the first round; what other programs take does not count in processor time.
-let used = process.cpuUsage();
-for (let round = 0; round < Number(rounds); round++) {
-  for (const { data, ...frame } of decoded) {
-    const { width, height } = frame;
-    const f = Number(focal);
-    const { located, timingsMs } = await relocalizer.locate({ ...frame, data: new Uint8Array(Buffer.from(data, "base64")) }, { intrinsics: { fx: f, fy: f, cx: width / 2, cy: height / 2, width, height } });
-    underNode.push({ located, ...timingsMs });
-    if (underNode.length === warmUp) used = process.cpuUsage();
-  }
+const scene = new Uint8Array(await readFile(sceneFile));
+const { checkSupport } = await import(pathToFileURL(join(site, engine)));
+const { wasmRelaxedSimd } = await checkSupport();
+const relocalizers = {};
+for (const variant of variants.filter((variant) => variant !== "relaxed" || wasmRelaxedSimd)) {
+  const { Relocalizer } = await import(pathToFileURL(join(variant === "other" ? other : site, engine)));
+  relocalizers[variant] = await Relocalizer.create({ scene: scene.slice(), device: "cpu", ...(variant === "other" ? {} : { build: variant }) });
 }
-used = process.cpuUsage(used);
-await relocalizer.dispose();
+const underNode = await inTurns(Object.keys(relocalizers), decoded, async (variant, { data, ...frame }) => {
+  const { width, height } = frame;
+  const f = Number(focal);
+  const pixels = new Uint8Array(Buffer.from(data, "base64"));
+  const before = process.cpuUsage();
+  const { located, timingsMs } = await relocalizers[variant].locate({ ...frame, data: pixels }, { intrinsics: { fx: f, fy: f, cx: width / 2, cy: height / 2, width, height } });
+  const { user, system } = process.cpuUsage(before);
+  return { located, ...timingsMs, processor: (user + system) / 1000 };
+});
+for (const relocalizer of Object.values(relocalizers)) await relocalizer.dispose();
 
 const median = (values) => [...values].sort((a, b) => a - b)[values.length >> 1];
-console.log(["where".padEnd(9), "frames", ...stages.map((stage) => stage.padStart(10)), "slowest".padStart(10)].join(" "));
-for (const [where, rows] of Object.entries({ Chromium: inBrowser, Node: underNode })) {
-  const counted = rows.slice(warmUp);
-  console.log([where.padEnd(9), String(counted.length).padStart(6), ...stages.map((stage) => median(counted.map((row) => row[stage])).toFixed(1).padStart(10)), Math.max(...counted.map(({ total }) => total)).toFixed(1).padStart(10)].join(" "));
+const number = (value) => (value === undefined ? "" : value.toFixed(1)).padStart(10);
+console.log(["where".padEnd(17), "frames", "located", ...[...stages, "look", "total", "fastest", "slowest", "processor"].map((title) => title.padStart(10))].join(" "));
+for (const [where, builds] of Object.entries({ Chromium: inBrowser, Node: underNode })) {
+  const totals = {};
+  for (const [variant, all] of Object.entries(builds)) {
+    const rows = all.slice(warmUp);
+    const of = (f) => median(rows.map(f));
+    const look = of((row) => row.total - stages.reduce((sum, stage) => sum + row[stage], 0));
+    const [fastest, slowest] = [Math.min, Math.max].map((f) => f(...rows.map((row) => row.total)));
+    const total = of((row) => row.total);
+    const processor = rows[0].processor && of((row) => row.processor);
+    totals[variant] = { median: total, fastest, processor };
+    const located = rows.filter((row) => row.located).length;
+    console.log([`${where} ${variant}`.padEnd(17), String(rows.length).padStart(6), String(located).padStart(7), ...stages.map((stage) => number(of((row) => row[stage]))), ...[look, total, fastest, slowest, processor].map(number)].join(" "));
+  }
+  const names = Object.keys(totals);
+  const base = totals[names.at(-1)];
+  for (const name of names.slice(0, -1)) {
+    const shares = Object.entries(base).filter(([, value]) => value).map(([what, value]) => `${what} ${(totals[name][what] / value).toFixed(2)}`);
+    console.log(`${where} ${name} of ${names.at(-1)}: ${shares.join(", ")}`);
+  }
 }
-console.log(`Node: ${((used.user + used.system) / 1000 / (underNode.length - warmUp)).toFixed(1)} ms of processor time a frame`);

@@ -10,6 +10,7 @@
 import { readFileSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 import * as ort from "onnxruntime-web";
+import { race as raceBy } from "./race.mjs";
 
 const [folder, wasmPath, ...flags] = process.argv.slice(2);
 const rounds = Number(flags[flags.indexOf("--rounds") + 1]) || 30;
@@ -44,8 +45,6 @@ function clock() {
   return (user + system) / 1e3;
 }
 
-const median = (times) => times.toSorted((a, b) => a - b)[times.length >> 1];
-
 // Largest difference relative to the largest number; theirs is NCHW where `channels` is given, ours NHWC.
 function difference(theirs, handle, index, channels) {
   const mine = new Float32Array(ours.memory.buffer, ours.output(handle, index), theirs.length);
@@ -65,23 +64,7 @@ function leave(name, handle, index, count) {
   writeFileSync(join(folder, name), new Uint8Array(ours.memory.buffer, ours.output(handle, index), count * 4));
 }
 
-// Runs the functions in blocks, one after the other, and returns the times of each. Without `rest` in between, background
-// compilation of one engine would be charged to the other.
-async function race(runs) {
-  const times = runs.map(() => []);
-  const start = clock();
-  for (let warm = 0; warm < 5 || clock() - start < 1500; warm++) for (const run of runs) await run();
-  for (let round = 0; round < rounds; round += 3) {
-    for (const [index, run] of runs.entries()) {
-      for (let i = 0; i < 3; i++) {
-        const before = clock();
-        await run();
-        times[index].push(clock() - before);
-      }
-    }
-  }
-  return times.map((list) => ({ best: Math.min(...list), median: median(list) }));
-}
+const race = (runs) => raceBy(runs, clock, rounds);
 
 function report(name, gflop, result, labels, note = "") {
   const [mine] = result;

@@ -8,10 +8,12 @@ mod files;
 mod paths;
 mod pins;
 mod rooms;
+mod sbom;
 mod serve;
 mod setup;
 mod shell;
 mod site;
+mod soak;
 mod tally;
 mod test;
 mod tiers;
@@ -38,10 +40,12 @@ enum Command {
     Demo(demo::Args),
     Rooms(rooms::Args),
     Sample(demo::SampleArgs),
+    Sbom(sbom::Args),
     Serve(serve::Args),
     Setup(setup::Args),
     Site(site::Args),
     Size(web::size::Args),
+    Soak(soak::Args),
     Test(test::Args),
     Web(web::Args),
 }
@@ -55,10 +59,12 @@ fn run(command: Command) -> Result<()> {
         Command::Demo(args) => demo::run(&args),
         Command::Rooms(args) => rooms::run(&args),
         Command::Sample(args) => demo::sample(&args),
+        Command::Sbom(args) => sbom::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Setup(args) => setup::run(&args),
         Command::Site(args) => site::run(&args),
         Command::Size(args) => web::size::run(&args),
+        Command::Soak(args) => soak::run(&args),
         Command::Test(args) => test::run(&args),
         Command::Web(args) => web::run(&args),
     }

@@ -276,6 +276,6 @@ function warnings(pictures: readonly MapPicture[], components: number): string[]
   if (components > 1) words.push(`The film falls into ${components} pieces that could not be joined; this is the largest. Film the way from one to the other.`);
   const left = pictures.filter(({ registered }) => !registered);
   const [first] = left;
-  if (first) words.push(`${left.length} of ${pictures.length} pictures have no place in the map. ${first.advice ?? ""}`.trim());
+  if (first) words.push(`${left.length} of ${pictures.length} pictures have no place in the map.${first.advice ? ` The first of them: ${first.advice}.` : ""}`);
   return words;
 }

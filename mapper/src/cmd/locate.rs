@@ -11,7 +11,7 @@ use anyhow::{Context, Result, ensure};
 use landline::geometry::{Camera, CameraRecord};
 use landline::image::{FrameView, PixelFormat};
 use landline::relocalizer::{
-    CameraSource, Outcome, Query, Relocalizer, RelocalizerOptions, Report,
+    CameraSource, NotLocated, Outcome, Query, Relocalizer, RelocalizerOptions, Report,
 };
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -144,11 +144,42 @@ impl core::fmt::Display for Apart {
     }
 }
 
-/// What ran the networks of a picture, why not a GPU that was given, and how far the answer is from the CPU's.
-struct Backend {
+/// What ran the networks of a picture, why not a GPU that was given, how far the answer is from the CPU's, and by how many degrees
+/// clockwise a picture that was not located has to be turned to be.
+struct Told {
     name: &'static str,
     why: Option<String>,
     apart: Option<Apart>,
+    turn_deg: Option<u32>,
+}
+
+/// A turned picture explains a failure when its answer is so sure.
+const TURNED_CONFIDENCE: f64 = 0.8;
+
+/// By how many degrees clockwise a picture has to be turned to be located, `None` where no quarter turns help. Descriptors do not
+/// see through turns: what lies on its side looks like another place.
+fn turn_that_locates(
+    relocalizer: &mut Relocalizer,
+    rgb: &image::RgbImage,
+    given: Option<Camera>,
+    scene_camera: Option<Camera>,
+) -> Option<u32> {
+    let (mut rgb, mut given) = (rgb.clone(), given);
+    for turn_deg in [90, 180, 270] {
+        rgb = image::imageops::rotate90(&rgb);
+        given = given.map(|camera| camera.turned_clockwise().0);
+        let (width, height) = rgb.dimensions();
+        let query = Query {
+            camera: given.or(scene_camera.and_then(|c| c.for_size(width, height))),
+            ..Query::default()
+        };
+        let frame = FrameView::tight(rgb.as_raw(), width, height, PixelFormat::Rgb8);
+        let report = relocalizer.locate(&frame, &query, &mut || 0.0).ok()?;
+        if (report.outcome.located()).is_some_and(|l| l.confidence > TURNED_CONFIDENCE) {
+            return Some(turn_deg);
+        }
+    }
+    None
 }
 
 fn locate(
@@ -171,10 +202,11 @@ fn locate(
     let relocalizer = &mut both.relocalizer;
     let report = pollster::block_on(relocalizer.locate_with_gpu(&frame, &query, &mut clock))
         .with_context(refused)?;
-    let mut backend = Backend {
+    let mut told = Told {
         name: if report.on_gpu { "gpu" } else { "cpu" },
         why: relocalizer.gpu_failure().map(str::to_owned),
         apart: None,
+        turn_deg: None,
     };
     if let Some(on_cpu) = &mut both.on_cpu {
         let expected = on_cpu
@@ -182,17 +214,28 @@ fn locate(
             .with_context(refused)?;
         let apart = Apart::between(&report, &expected);
         both.worst = both.worst.max(apart);
-        backend.apart = Some(apart);
+        told.apart = Some(apart);
+    }
+    // Before the picture is turned: it shows what was found in it as it is.
+    let drawn = args
+        .overlay
+        .as_ref()
+        .map(|_| overlay(&rgb, relocalizer, &report));
+    if !matches!(
+        report.outcome,
+        Outcome::Located(_) | Outcome::NotLocated(NotLocated::FewFeatures)
+    ) {
+        told.turn_deg = turn_that_locates(relocalizer, &rgb, given, scene_camera);
     }
     if args.json {
-        println!("{}", to_json(path, &report, &backend));
+        println!("{}", to_json(path, &report, &told));
     } else {
-        print_report(path, &report, &backend);
+        print_report(path, &report, &told);
     }
-    if let Some(folder) = &args.overlay {
+    if let (Some(folder), Some(drawn)) = (&args.overlay, drawn) {
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
         let target = folder.join(format!("{name}.overlay.png"));
-        picture::write_png(&overlay(&rgb, relocalizer, &report), &target)?;
+        picture::write_png(&drawn, &target)?;
         if !args.json {
             println!("  overlay    {}", target.display());
         }
@@ -200,7 +243,7 @@ fn locate(
     Ok(())
 }
 
-fn print_report(path: &Path, report: &Report, backend: &Backend) {
+fn print_report(path: &Path, report: &Report, told: &Told) {
     println!("{}", shown(&path.display().to_string()));
     let c = &report.counts;
     match &report.outcome {
@@ -233,7 +276,7 @@ fn print_report(path: &Path, report: &Report, backend: &Backend) {
         }
         Outcome::NotLocated(reason) => println!(
             "  not located: {} ({} keypoints, {} segments, {} + {} correspondences)",
-            reason.message(),
+            reason_text(*reason, told.turn_deg),
             c.num_keypoints,
             c.num_segments,
             c.num_point_correspondences,
@@ -246,16 +289,25 @@ fn print_report(path: &Path, report: &Report, backend: &Backend) {
         report.camera_source
     );
     println!("  time       {:.1} ms", report.timings.total_ms);
-    match &backend.why {
-        Some(why) => println!("  networks   {} ({why})", backend.name),
-        None => println!("  networks   {}", backend.name),
+    match &told.why {
+        Some(why) => println!("  networks   {} ({why})", told.name),
+        None => println!("  networks   {}", told.name),
     }
-    if let Some(apart) = backend.apart {
+    if let Some(apart) = told.apart {
         println!("  from CPU   {apart}");
     }
 }
 
-fn to_json(path: &Path, report: &Report, backend: &Backend) -> serde_json::Value {
+fn reason_text(reason: NotLocated, turn_deg: Option<u32>) -> String {
+    match turn_deg {
+        Some(deg) => format!(
+            "turned: it is located once it is turned by {deg} degrees clockwise; turn the picture, or keep its EXIF orientation"
+        ),
+        None => reason.message().to_owned(),
+    }
+}
+
+fn to_json(path: &Path, report: &Report, told: &Told) -> serde_json::Value {
     let c = &report.counts;
     let (pose, reason, quality) = match &report.outcome {
         Outcome::Located(l) => (
@@ -275,7 +327,11 @@ fn to_json(path: &Path, report: &Report, backend: &Backend) -> serde_json::Value
                 "log_evidence": l.estimate.log_evidence,
             }),
         ),
-        Outcome::NotLocated(reason) => (json!(null), json!(reason.message()), json!(null)),
+        Outcome::NotLocated(reason) => (
+            json!(null),
+            json!(reason_text(*reason, told.turn_deg)),
+            json!(null),
+        ),
     };
     json!({
         "picture": path.display().to_string(),
@@ -288,12 +344,13 @@ fn to_json(path: &Path, report: &Report, backend: &Backend) -> serde_json::Value
             "points": [f.found_points, f.visible_points],
             "lines": [f.found_lines, f.visible_lines],
         })),
+        "turn_clockwise_deg": told.turn_deg,
         "focal_px": report.camera.focal_px().0,
         "camera_source": format!("{:?}", report.camera_source).to_lowercase(),
         "total_ms": report.timings.total_ms,
-        "backend": backend.name,
-        "backend_reason": backend.why,
-        "from_cpu": backend.apart.map(|a| json!({ "position": a.position, "rotation_deg": a.rotation_deg })),
+        "backend": told.name,
+        "backend_reason": told.why,
+        "from_cpu": told.apart.map(|a| json!({ "position": a.position, "rotation_deg": a.rotation_deg })),
     })
 }
 

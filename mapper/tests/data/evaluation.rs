@@ -197,6 +197,24 @@ fn locate_draws_what_it_found_and_goes_on_after_a_picture_that_is_none() {
     assert_eq!((drawn.width(), drawn.height()), (1280, 960));
 }
 
+/// Descriptors do not see through turns: such a picture looks like another place, and it is told that it is none.
+#[test]
+fn a_turned_picture_is_called_so() {
+    let folder = Folder::new();
+    let scene = sample().join("sample.landline");
+    let turned = folder.0.join("turned.png");
+    if let Ok(picture) = image::open(sample().join("query-00.jpg")) {
+        picture.rotate270().save(&turned).expect("can be written");
+    }
+    let path = |p: &Path| p.to_str().expect("UTF-8").to_owned();
+    let Some(output) = landline(&["locate", &path(&scene), &path(&turned), "--json"]) else {
+        return;
+    };
+    let found: Value = serde_json::from_slice(&output.stdout).expect("one line of JSON");
+    assert_eq!(found["turn_clockwise_deg"], 90, "{found}");
+    assert_eq!(found["pose"], Value::Null, "{found}");
+}
+
 /// A video that was drawn into a frame of another shape: nobody knows the intrinsics, and they are not those of a camera.
 #[test]
 fn a_squeezed_picture_is_located_and_says_that_its_camera_is_a_guess() {

@@ -1,8 +1,8 @@
 //! `cargo xtask audit`: what is built in, against the rules of `deny.toml`.
 
+use crate::metadata::{Metadata, Package, host};
 use crate::{paths, pins, shell};
 use anyhow::{Context as _, Result, bail};
-use serde::Deserialize;
 
 /// Licences of every crate that is built in; advisories of cargo-deny and npm audit where they can be asked.
 #[derive(Debug, clap::Args)]
@@ -42,37 +42,13 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     Ok(())
 }
 
-#[derive(Debug, Deserialize)]
-struct Metadata {
-    packages: Vec<Package>,
-}
-
-#[derive(Debug, Deserialize)]
-struct Package {
-    name: String,
-    version: String,
-    license: Option<String>,
-    /// `None` for those of this workspace.
-    source: Option<String>,
-}
-
 /// Licences of all crates that this machine would build, against the list in `deny.toml`.
 ///
 /// # Errors
 ///
 /// When one is not allowed, or the crates cannot be listed.
 pub(crate) fn licences() -> Result<()> {
-    let host = shell::output(shell::command("rustc").args(["--print", "host-tuple"]))?;
-    let mut cargo = shell::cargo();
-    cargo.args([
-        "metadata",
-        "--locked",
-        "--format-version",
-        "1",
-        "--filter-platform",
-        host.trim(),
-    ]);
-    let metadata: Metadata = serde_json::from_str(&shell::output(&mut cargo)?)?;
+    let metadata = Metadata::of_platform(&host()?)?;
     let rules = pins::text("deny.toml")?;
     let (allowed, clarified) = (allowed(&rules)?, clarified(&rules));
     let licence = |package: &Package| -> Option<String> {
@@ -118,14 +94,15 @@ fn allowed(rules: &str) -> Result<Vec<String>> {
 
 /// Crates whose manifest names no licence, with the one that their text was read to be.
 fn clarified(rules: &str) -> Vec<(String, String)> {
-    let value = |section: &str, key: &str| {
-        let (_, rest) = section.split_once(&format!("{key} = \""))?;
-        Some(rest.split('"').next()?.to_owned())
-    };
     rules
         .split("[[licenses.clarify]]")
         .skip(1)
-        .filter_map(|section| Some((value(section, "crate")?, value(section, "expression")?)))
+        .filter_map(|section| {
+            Some((
+                pins::quoted(section, "crate")?,
+                pins::quoted(section, "expression")?,
+            ))
+        })
         .collect()
 }
 

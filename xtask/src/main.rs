@@ -5,6 +5,7 @@ mod bench;
 mod ci;
 mod demo;
 mod files;
+mod metadata;
 mod paths;
 mod pins;
 mod rooms;

@@ -78,6 +78,12 @@ pub(crate) fn json<T: DeserializeOwned>(path: &str) -> Result<T> {
     serde_json::from_str(&text(path)?).with_context(|| format!("{path} is not as expected"))
 }
 
+/// The text that a key has in a section of a TOML file.
+pub(crate) fn quoted(section: &str, key: &str) -> Option<String> {
+    let (_, rest) = section.split_once(&format!("{key} = \""))?;
+    Some(rest.split('"').next()?.to_owned())
+}
+
 /// Version of a package in `Cargo.lock`.
 pub(crate) fn locked_crate(lock: &str, name: &str) -> Result<String> {
     let wanted = format!("name = \"{name}\"");

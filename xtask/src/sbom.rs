@@ -1,8 +1,8 @@
 //! `cargo xtask sbom`: what the shipped artefacts are made of, as CycloneDX.
 
-use crate::{paths, pins, shell};
+use crate::metadata::{Metadata, Node, Package, host};
+use crate::{paths, pins};
 use anyhow::{Context as _, Result};
-use serde::Deserialize;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -31,14 +31,11 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         .out
         .clone()
         .unwrap_or_else(|| paths::target().join("sbom"));
-    let host = shell::output(shell::command("rustc").args(["--print", "host-tuple"]))?;
+    let host = host()?;
     let checksums = checksums(&pins::text("Cargo.lock")?);
     for (file, root, platform) in SHIPPED {
-        let platform = platform.unwrap_or(host.trim());
-        let mut cargo = shell::cargo();
-        cargo.args(["metadata", "--locked", "--format-version", "1"]);
-        cargo.args(["--filter-platform", platform]);
-        let metadata: Metadata = serde_json::from_str(&shell::output(&mut cargo)?)?;
+        let platform = platform.unwrap_or(&host);
+        let metadata = Metadata::of_platform(platform)?;
         let bill = bill(&metadata, root, &checksums)?;
         let path = out.join(format!("{file}.cdx.json"));
         paths::write(&path, serde_json::to_string_pretty(&bill)?.as_bytes())?;
@@ -51,64 +48,15 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     Ok(())
 }
 
-#[derive(Debug, Deserialize)]
-struct Metadata {
-    packages: Vec<Package>,
-    resolve: Resolve,
-}
-
-#[derive(Debug, Deserialize)]
-struct Package {
-    id: String,
-    name: String,
-    version: String,
-    license: Option<String>,
-    description: Option<String>,
-    /// `None` for those of this workspace.
-    source: Option<String>,
-}
-
-#[derive(Debug, Deserialize)]
-struct Resolve {
-    nodes: Vec<Node>,
-}
-
-#[derive(Debug, Deserialize)]
-struct Node {
-    id: String,
-    deps: Vec<Dependency>,
-}
-
-#[derive(Debug, Deserialize)]
-struct Dependency {
-    pkg: String,
-    dep_kinds: Vec<DependencyKind>,
-}
-
-#[derive(Debug, Deserialize)]
-struct DependencyKind {
-    /// `None` for what is built in, else `build` or `dev`.
-    kind: Option<String>,
-}
-
-impl Dependency {
-    fn ships(&self) -> bool {
-        self.dep_kinds
-            .iter()
-            .any(|k| k.kind.as_deref() != Some("dev"))
-    }
-}
-
 /// SHA-256 of the registry's archives by name and version, from `Cargo.lock`.
 fn checksums(lock: &str) -> BTreeMap<(String, String), String> {
-    let value = |section: &str, key: &str| {
-        let (_, rest) = section.split_once(&format!("{key} = \""))?;
-        Some(rest.split('"').next()?.to_owned())
-    };
     lock.split("[[package]]")
         .filter_map(|section| {
-            let of = (value(section, "name")?, value(section, "version")?);
-            Some((of, value(section, "checksum")?))
+            let of = (
+                pins::quoted(section, "name")?,
+                pins::quoted(section, "version")?,
+            );
+            Some((of, pins::quoted(section, "checksum")?))
         })
         .collect()
 }

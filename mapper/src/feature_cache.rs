@@ -118,17 +118,7 @@ fn encode(features: &FeatureSet, maker: &str) -> Result<Vec<u8>, safetensors::Sa
     let segments: Vec<u8> = features
         .segments
         .iter()
-        .flat_map(|s| {
-            [
-                s.start.x,
-                s.start.y,
-                s.end.x,
-                s.end.y,
-                s.width_px,
-                s.precision,
-                s.neg_log10_nfa,
-            ]
-        })
+        .flat_map(Segment2::to_numbers)
         .flat_map(f64::to_le_bytes)
         .collect();
     let rows = m * features.tokens;
@@ -206,15 +196,7 @@ fn decode(bytes: &[u8], maker: &str) -> Result<Option<FeatureSet>, String> {
         .as_chunks::<7>()
         .0
         .iter()
-        .map(
-            |&[x1, y1, x2, y2, width_px, precision, neg_log10_nfa]| Segment2 {
-                start: Pixel::new(x1, y1),
-                end: Pixel::new(x2, y2),
-                width_px,
-                precision,
-                neg_log10_nfa,
-            },
-        )
+        .map(|numbers| Segment2::from_numbers(*numbers))
         .collect();
     let segment_descriptors_nsd = halves(segment_descriptors);
     // Files that do not say it have it in the number of rows.

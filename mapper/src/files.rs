@@ -2,7 +2,7 @@
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Writes a file through `fill`; the target keeps its old content when anything fails (disk full, interrupt).
 ///
@@ -52,6 +52,20 @@ pub fn write_at_once(path: &Path, fill: impl FnOnce(&Path) -> io::Result<()>) ->
 /// Of the operating system, with the path in the text.
 pub fn write_bytes(path: &Path, bytes: &[u8]) -> io::Result<()> {
     write_atomic(path, |out| out.write_all(bytes))
+}
+
+/// What lies in a folder, by name.
+///
+/// # Errors
+/// Of the operating system, with the path in the text.
+pub fn entries(folder: &Path) -> io::Result<Vec<PathBuf>> {
+    let listed = fs::read_dir(folder)
+        .map_err(|e| io::Error::new(e.kind(), format!("cannot list {}: {e}", folder.display())))?;
+    let mut paths: Vec<PathBuf> = listed
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .collect();
+    paths.sort();
+    Ok(paths)
 }
 
 #[cfg(test)]

@@ -104,12 +104,8 @@ impl PlaceFiles {
     pub fn build(path: &Path, scenes: &Path) -> Result<Self> {
         let index_path = index_path(path)?;
         let before = path.exists().then(|| read_manifest(path)).transpose()?;
-        let mut found: Vec<PathBuf> = std::fs::read_dir(scenes)
-            .with_context(|| format!("cannot list {}", scenes.display()))?
-            .filter_map(|entry| Some(entry.ok()?.path()))
-            .filter(|p| p.extension().is_some_and(|e| e == SCENE_ENDING))
-            .collect();
-        found.sort();
+        let mut found = files::entries(scenes)?;
+        found.retain(|p| p.extension().is_some_and(|e| e == SCENE_ENDING));
         let read = |file: &PathBuf| Named::read(path, file, None);
         let named: Vec<Named> = found.iter().map(read).collect::<Result<_>>()?;
         let Some(first) = named.first() else {

@@ -19,6 +19,30 @@ pub struct Segment2 {
 }
 
 impl Segment2 {
+    /// Its numbers in the order in which files keep them: ends (x, y, x, y), width, precision, -log10(NFA).
+    pub fn to_numbers(&self) -> [f64; 7] {
+        [
+            self.start.x,
+            self.start.y,
+            self.end.x,
+            self.end.y,
+            self.width_px,
+            self.precision,
+            self.neg_log10_nfa,
+        ]
+    }
+
+    /// The segment of [`Self::to_numbers`].
+    pub fn from_numbers([x1, y1, x2, y2, width_px, precision, neg_log10_nfa]: [f64; 7]) -> Self {
+        Self {
+            start: Pixel::new(x1, y1),
+            end: Pixel::new(x2, y2),
+            width_px,
+            precision,
+            neg_log10_nfa,
+        }
+    }
+
     /// Length in pixels.
     pub fn length_px(&self) -> f64 {
         self.start.distance(self.end)

@@ -141,18 +141,6 @@ fn i64s<'a, I: Iterator<Item = i64>>(width: usize, values: impl Fn() -> I + 'a) 
     column(Dtype::I64, width, values, i64::to_le_bytes)
 }
 
-fn segment_numbers(s: &Segment2) -> [f64; 7] {
-    [
-        s.start.x,
-        s.start.y,
-        s.end.x,
-        s.end.y,
-        s.width_px,
-        s.precision,
-        s.neg_log10_nfa,
-    ]
-}
-
 fn observation_numbers(o: &Observation) -> [i64; 2] {
     [i64::from(o.view), i64::from(o.feature)]
 }
@@ -256,7 +244,7 @@ impl LabelSource<'_> {
                 "segments",
                 f64s(7, || {
                     let segments = self.feature_sets().flat_map(|f| &f.segments);
-                    segments.flat_map(segment_numbers)
+                    segments.flat_map(Segment2::to_numbers)
                 }),
             ),
             (

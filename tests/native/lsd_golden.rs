@@ -118,17 +118,7 @@ fn segments_have_the_listed_bits() {
         detect(&picture.view(), &LsdParams::default(), &mut scratch)
             .expect("a good picture")
             .iter()
-            .flat_map(|s| {
-                [
-                    s.start.x,
-                    s.start.y,
-                    s.end.x,
-                    s.end.y,
-                    s.width_px,
-                    s.precision,
-                    s.neg_log10_nfa,
-                ]
-            })
+            .flat_map(Segment2::to_numbers)
             .collect()
     });
 }

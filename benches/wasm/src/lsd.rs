@@ -37,15 +37,7 @@ pub fn detect_segments(
             .map_err(|error| JsError::new(&error.to_string()))?;
         let mut numbers = Vec::with_capacity(NUMBERS_PER_SEGMENT * segments.len());
         for s in segments {
-            numbers.extend_from_slice(&[
-                s.start.x,
-                s.start.y,
-                s.end.x,
-                s.end.y,
-                s.width_px,
-                s.precision,
-                s.neg_log10_nfa,
-            ]);
+            numbers.extend_from_slice(&s.to_numbers());
         }
         Ok(numbers)
     })

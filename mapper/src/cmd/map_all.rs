@@ -55,12 +55,8 @@ struct DoneRoom {
 /// # Errors
 /// When nothing is there to teach, the disk refuses, or, once all others are done, when a room failed.
 pub fn run(args: Args) -> Result<()> {
-    let mut rooms: Vec<PathBuf> = std::fs::read_dir(&args.rooms)
-        .with_context(|| format!("cannot list {}", args.rooms.display()))?
-        .filter_map(|entry| Some(entry.ok()?.path()))
-        .filter(|path| path.is_dir())
-        .collect();
-    rooms.sort();
+    let mut rooms = files::entries(&args.rooms)?;
+    rooms.retain(|path| path.is_dir());
     if rooms.is_empty() {
         bail!("{} has no folders: each room is one", args.rooms.display());
     }

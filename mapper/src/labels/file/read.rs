@@ -220,14 +220,10 @@ impl<'a> Columns<'a> {
                 descriptors_nd: descriptors.take(n, d)?,
                 segments: segments
                     .take(m, 7)?
-                    .chunks_exact(7)
-                    .map(|v| Segment2 {
-                        start: Pixel::new(v[0], v[1]),
-                        end: Pixel::new(v[2], v[3]),
-                        width_px: v[4],
-                        precision: v[5],
-                        neg_log10_nfa: v[6],
-                    })
+                    .as_chunks()
+                    .0
+                    .iter()
+                    .map(|numbers| Segment2::from_numbers(*numbers))
                     .collect(),
                 segment_descriptors_nsd: segment_descriptors.take(rows_of_segments, d)?,
                 descriptor_channels: d,

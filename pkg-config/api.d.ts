@@ -634,7 +634,7 @@ export interface WriteOptions {
 }
 export type BuildOptions = Omit<WriteOptions, "scale" | "up">;
 /** Why a keyframe has no place. */
-export type LeftOutReason = "nothing-in-common" | "only-turned" | "too-few-points" | "no-pose";
+export type LeftOutReason = "nothing-in-common" | "only-turned" | "too-few-points" | "no-pose" | "other-piece";
 export interface MapPicture {
     keyframe: number;
     name?: string;
@@ -992,6 +992,8 @@ export type KnownIntrinsicsSource =
  | "exif";
 /** How the intrinsics of a result came to be known. */
 export type IntrinsicsSource = KnownIntrinsicsSource
+/** Of the camera that took the scene's own pictures: the frame has their shape, and nothing in it contradicts. */
+ | "scene"
 /** Learned from earlier frames of the same camera. */
  | "remembered"
 /** Solved from this frame together with the position. */

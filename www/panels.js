@@ -33,6 +33,7 @@ const sourceWords = {
   given: "given",
   track: "from the camera",
   exif: "from the picture’s EXIF",
+  scene: "the scene’s own camera",
   remembered: "learned from earlier frames",
   estimated: "solved from this picture",
   assumed: "assumed; distances may be off",

@@ -127,9 +127,9 @@ pub fn words(scene: &SceneFile, revealed: &Revealed) -> Vec<String> {
     if scene.landmarks.is_some() {
         out.push("from which sides each landmark was seen, so where the camera went".to_owned());
     }
-    if let Some(camera) = &info.camera {
+    for camera in info.camera.iter().chain(&info.other_cameras) {
         out.push(format!(
-            "the camera: {} of {}x{} pixels, with its focal length",
+            "a camera: {} of {}x{} pixels, with its focal length",
             camera.model.name(),
             camera.width,
             camera.height

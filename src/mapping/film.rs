@@ -236,8 +236,7 @@ async fn poses(
     let elsewhere = (0..views.len()).filter(|i| {
         largest.cam_from_world[*i].is_none() && motion.left_out.iter().all(|(l, _)| l != i)
     });
-    let mut left_out: Vec<(usize, LeftOut)> =
-        elsewhere.map(|i| (i, LeftOut::TooFewPoints)).collect();
+    let mut left_out: Vec<(usize, LeftOut)> = elsewhere.map(|i| (i, LeftOut::OtherPiece)).collect();
     left_out.extend(&motion.left_out);
     left_out.sort_unstable_by_key(|(i, _)| *i);
     Ok(Posed {

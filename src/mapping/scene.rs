@@ -1,6 +1,6 @@
 //! From a map to a scene file whose networks are the map's landmarks, with the table that is looked at again.
 
-use crate::geometry::SceneScale;
+use crate::geometry::{Camera, SceneScale};
 use crate::landmarks::LandmarkError;
 use crate::landmarks::anchors::{line_anchors, point_anchors};
 use crate::landmarks::from_map::{Budget, table};
@@ -9,10 +9,12 @@ use crate::models::{
     ExtractorKind, LineBranchConfig, ModelError, PointBranchConfig, Preset, RegressorConfig,
 };
 use crate::nn::Weights;
-use crate::reconstruction::Reconstruction;
+use crate::reconstruction::{Reconstruction, View};
 use crate::scene_file::{
-    ExtractorFile, Precision, SceneFile, SceneFileError, SceneInfo, Timestamp, TrainingSummary,
+    ExtractorFile, MAX_OTHER_CAMERAS, Precision, SceneFile, SceneFileError, SceneInfo, Timestamp,
+    TrainingSummary,
 };
+use std::cmp::Reverse;
 use std::ops::Range;
 
 /// Why a map makes no scene.
@@ -109,6 +111,9 @@ pub struct Networks {
     pub seconds: f64,
 }
 
+/// Cameras whose focal lengths and principal points differ by no more than this share of the longer side are one.
+const ALIKE: f64 = 0.01;
+
 /// Bytes of a scene, and of its landmarks at least, when nobody says.
 const USUAL_BYTES: usize = 400_000;
 const USUAL_TABLE: usize = 140_000;
@@ -160,13 +165,15 @@ pub fn scene_of(
     origin: &Origin,
     request: &SceneRequest,
 ) -> SceneFile {
+    let mut cameras = cameras_of(&map.views).into_iter();
     let info = SceneInfo {
         preset: Some(networks.preset),
         scale: networks.scale,
         units: map.units,
         gravity: map.gravity,
         working_max_side: origin.working_max_side,
-        camera: map.views.first().map(|v| v.camera),
+        camera: cameras.next(),
+        other_cameras: cameras.take(MAX_OTHER_CAMERAS).collect(),
         training: Some(TrainingSummary {
             num_images: networks.num_images as u64,
             num_steps: networks.num_steps,
@@ -184,6 +191,30 @@ pub fn scene_of(
         weights: networks.weights,
         landmarks: None,
     }
+}
+
+/// The cameras of views that differ beyond what one camera does from picture to picture; that of most views first.
+fn cameras_of(views: &[View]) -> Vec<Camera> {
+    let mut cameras: Vec<(Camera, usize)> = Vec::new();
+    for view in views {
+        match cameras.iter_mut().find(|(c, _)| is_alike(c, &view.camera)) {
+            Some((_, count)) => *count += 1,
+            None => cameras.push((view.camera, 1)),
+        }
+    }
+    cameras.sort_by_key(|(_, count)| Reverse(*count));
+    cameras.into_iter().map(|(camera, _)| camera).collect()
+}
+
+/// Whether two cameras take pictures of one shape with nearly the same focal length and principal point.
+fn is_alike(a: &Camera, b: &Camera) -> bool {
+    let Some(b) = b.for_size(a.width, a.height) else {
+        return false;
+    };
+    let ((ax, ay), (bx, by)) = (a.focal_px(), b.focal_px());
+    let center_off = a.principal_point().distance(b.principal_point());
+    let off_px = (ax - bx).abs().max((ay - by).abs()).max(center_off);
+    off_px <= ALIKE * f64::from(a.width.max(a.height))
 }
 
 /// Gives a scene the landmarks of its map that are looked at again, as many as the size allows.
@@ -205,4 +236,34 @@ pub fn add_landmarks(
     };
     scene.landmarks = Some(table(map, budget)?);
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::features::FeatureSet;
+
+    #[test]
+    fn cameras_that_differ_are_told_apart_and_the_commonest_comes_first() {
+        let view = |width: u32, height: u32, focal: f64| View {
+            name: String::new(),
+            camera: Camera::centered(width, height, focal),
+            cam_from_world: None,
+            features: FeatureSet::default(),
+        };
+        // The same camera at another size, and with its focus pulled a little; then two others.
+        let views = [
+            view(640, 480, 700.0),
+            view(640, 480, 500.0),
+            view(1280, 960, 1002.0),
+            view(640, 480, 503.0),
+            view(640, 360, 500.0),
+            view(640, 360, 501.0),
+        ];
+        let found = cameras_of(&views);
+        let expected = [(640, 480, 500.0), (640, 360, 500.0), (640, 480, 700.0)];
+        let expected = expected.map(|(w, h, f)| Camera::centered(w, h, f));
+        assert_eq!(found, expected);
+        assert_eq!(cameras_of(&[]), []);
+    }
 }

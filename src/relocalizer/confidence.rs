@@ -45,6 +45,7 @@ pub(super) fn confidence(
         CameraSource::Given
         | CameraSource::Track
         | CameraSource::Exif
+        | CameraSource::Scene
         | CameraSource::Remembered => sure,
     }
 }

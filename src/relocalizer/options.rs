@@ -128,6 +128,8 @@ pub enum CameraSource {
     Track,
     /// By the picture's EXIF block: a few percent off.
     Exif,
+    /// By the scene: the camera of the pictures that taught it, for pictures of the same shape.
+    Scene,
     /// From earlier frames of the same camera.
     Remembered,
     /// Solved from this frame.
@@ -140,7 +142,7 @@ impl CameraSource {
     /// Relative standard deviation of the focal length, where the source is not exact.
     pub(super) fn sigma_ln(self) -> Option<f64> {
         match self {
-            Self::Given | Self::Track => None,
+            Self::Given | Self::Track | Self::Scene => None,
             // EXIF gives whole millimetres of the 35 mm equivalent: half a step of 26 is 2 %, and crops add to it.
             Self::Exif => Some(0.05),
             Self::Remembered | Self::Estimated | Self::Assumed => Some(0.25),
@@ -167,7 +169,8 @@ impl FocalBelief {
 /// What is known about one frame besides its pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Query {
-    /// Intrinsics in pixels of the frame; `None` when unknown.
+    /// Intrinsics in pixels of the frame; `None` when unknown: a camera of the scene that takes pictures of the frame's shape is
+    /// the start then, and what is found says whether it was that one.
     pub camera: Option<Camera>,
     /// Where they come from.
     pub camera_source: CameraSource,

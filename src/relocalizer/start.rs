@@ -1,12 +1,21 @@
 //! Intrinsics before and after the pose.
 
 use super::error::LocateError;
-use super::options::{CameraSource, Query};
+use super::options::{CameraSource, FocalBelief, Query};
 use crate::geometry::{Camera, WorkingFromSensor};
+use crate::math::elementary::ln;
 use crate::pose::{Focal, PoseEstimate};
+use crate::scene_file::SceneInfo;
 
 /// Focal length divided by the longer side where nothing is known: the middle of phones' video cameras.
 const ASSUMED_FOCAL: f64 = 0.85;
+
+/// So many of a scene's cameras are tried.
+const MAX_SCENE_CAMERAS: usize = 3;
+
+/// What earlier frames say of a camera agrees with one of the scene's up to this difference of ln f, and so many deviations.
+const AGREEING_LN: f64 = 0.02;
+const AGREEING_SIGMAS: f64 = 3.0;
 
 /// A camera in pixels of the frame, where it comes from, and how free its focal length is.
 #[derive(Debug, Clone, Copy)]
@@ -16,48 +25,117 @@ pub(super) struct Start {
     pub(super) focal: Focal,
 }
 
-impl Start {
-    /// What the solver starts from in a frame of this size.
-    pub(super) fn new((width, height): (u32, u32), query: &Query) -> Result<Self, LocateError> {
+/// What the solver starts from, in this order, until there is an answer.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Starts {
+    pub(super) first: Start,
+    rest: [Option<Start>; MAX_SCENE_CAMERAS],
+}
+
+impl Starts {
+    /// For a frame of this size: the intrinsics that came with it; without any the scene's own cameras for pictures of its shape,
+    /// unless earlier frames say that it is another one; then a guess.
+    /// `is_checked` where a second look finds out that a camera is not that of the frame.
+    pub(super) fn new(
+        size: (u32, u32),
+        query: &Query,
+        scene: &SceneInfo,
+        is_checked: bool,
+    ) -> Result<Self, LocateError> {
+        let alone = |first| Self {
+            first,
+            rest: [None; MAX_SCENE_CAMERAS],
+        };
         if let Some(camera) = query.camera {
-            camera.validate()?;
-            if (camera.width, camera.height) != (width, height) {
-                return Err(LocateError::CameraSize {
-                    camera_width: camera.width,
-                    camera_height: camera.height,
-                    width,
-                    height,
-                });
-            }
-            return Ok(Self {
-                camera,
-                source: query.camera_source,
-                focal: match query.camera_source.sigma_ln() {
-                    None => Focal::Known,
-                    Some(sigma_ln) => Focal::Refine { sigma_ln },
-                },
-            });
+            return Ok(alone(Start::given(size, camera, query.camera_source)?));
         }
+        let (width, height) = size;
+        let mut cameras = scene
+            .cameras_for(width, height)
+            .map(|camera| Start::of_scene(camera, is_checked));
         if let Some(belief) = query.focal {
             let focal_px = belief.focal_per_width * f64::from(width);
-            return Ok(Self {
-                camera: Camera::centered(width, height, focal_px),
-                source: CameraSource::Remembered,
-                focal: if belief.is_frozen() {
-                    Focal::Known
-                } else {
-                    Focal::Refine {
-                        sigma_ln: belief.sigma_ln,
-                    }
-                },
+            let most = AGREEING_LN.max(AGREEING_SIGMAS * belief.sigma_ln);
+            let own = cameras.find(|s| ln(s.camera.focal_px().0 / focal_px).abs() <= most);
+            return Ok(alone(own.unwrap_or_else(|| Start::believed(size, belief))));
+        }
+        let Some(first) = cameras.next() else {
+            return Ok(alone(Start::assumed(size)));
+        };
+        let mut starts = alone(first);
+        let others = cameras.take(MAX_SCENE_CAMERAS - 1);
+        for (room, start) in (starts.rest.iter_mut()).zip(others.chain([Start::assumed(size)])) {
+            *room = Some(start);
+        }
+        Ok(starts)
+    }
+
+    /// Those after the first.
+    pub(super) fn rest(&self) -> impl Iterator<Item = Start> + use<> {
+        self.rest.into_iter().flatten()
+    }
+}
+
+impl Start {
+    /// Intrinsics that came with a frame.
+    fn given(
+        (width, height): (u32, u32),
+        camera: Camera,
+        source: CameraSource,
+    ) -> Result<Self, LocateError> {
+        camera.validate()?;
+        if (camera.width, camera.height) != (width, height) {
+            return Err(LocateError::CameraSize {
+                camera_width: camera.width,
+                camera_height: camera.height,
+                width,
+                height,
             });
         }
-        let focal_px = ASSUMED_FOCAL * f64::from(width.max(height));
         Ok(Self {
+            camera,
+            source,
+            focal: match source.sigma_ln() {
+                None => Focal::Known,
+                Some(sigma_ln) => Focal::Refine { sigma_ln },
+            },
+        })
+    }
+
+    /// A camera of the pictures that taught the scene. Where nobody checks it, it is as good as what EXIF says.
+    fn of_scene(camera: Camera, is_checked: bool) -> Self {
+        let unchecked = CameraSource::Exif.sigma_ln().filter(|_| !is_checked);
+        Self {
+            camera,
+            source: CameraSource::Scene,
+            focal: unchecked.map_or(Focal::Known, |sigma_ln| Focal::Refine { sigma_ln }),
+        }
+    }
+
+    /// What earlier frames of the camera say.
+    fn believed((width, height): (u32, u32), belief: FocalBelief) -> Self {
+        let focal_px = belief.focal_per_width * f64::from(width);
+        Self {
+            camera: Camera::centered(width, height, focal_px),
+            source: CameraSource::Remembered,
+            focal: if belief.is_frozen() {
+                Focal::Known
+            } else {
+                Focal::Refine {
+                    sigma_ln: belief.sigma_ln,
+                }
+            },
+        }
+    }
+
+    /// Of a camera of which nothing is known.
+    fn assumed((width, height): (u32, u32)) -> Self {
+        let focal_px = ASSUMED_FOCAL * f64::from(width.max(height));
+        Self {
             camera: Camera::centered(width, height, focal_px),
             source: CameraSource::Assumed,
             focal: Focal::Unknown,
-        })
+        }
     }
 
     /// The camera as solved, and the relative standard deviation of its focal length, `None` where it was given. Intrinsics that
@@ -88,9 +166,98 @@ impl Start {
         };
         let source = match (self.source, self.focal) {
             (CameraSource::Assumed, _) | (_, Focal::Known) => CameraSource::Estimated,
+            // Refined as far as this it is another camera than the scene's.
+            (CameraSource::Scene, Focal::Refine { sigma_ln }) if ln(factor).abs() > sigma_ln => {
+                CameraSource::Estimated
+            }
             _ if !is_scaled => CameraSource::Estimated,
             (other, _) => other,
         };
         (camera, source, Some(estimate.sigma_focal_px / fx))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::models::ExtractorKind;
+
+    fn scene(focals: &[(u32, u32, f64)]) -> SceneInfo {
+        let mut cameras = focals.iter().map(|&(w, h, f)| Camera::centered(w, h, f));
+        SceneInfo {
+            camera: cameras.next(),
+            other_cameras: cameras.collect(),
+            ..SceneInfo::new(ExtractorKind::Xfeat, "")
+        }
+    }
+
+    /// Focal length, source, and whether it is taken as known, in the order of trying.
+    fn starts(
+        size: (u32, u32),
+        query: &Query,
+        scene: &SceneInfo,
+    ) -> Vec<(f64, CameraSource, bool)> {
+        let starts = Starts::new(size, query, scene, true).expect("makes sense");
+        let all = core::iter::once(starts.first).chain(starts.rest());
+        all.map(|s| (s.camera.focal_px().0, s.source, s.focal == Focal::Known))
+            .collect()
+    }
+
+    #[test]
+    fn cameras_of_the_scene_come_first_scaled_to_pictures_of_their_shape() {
+        let query = Query::default();
+        let scene = scene(&[(640, 480, 500.0), (1280, 720, 1100.0), (1280, 960, 1200.0)]);
+        let own = |f| (f, CameraSource::Scene, true);
+        let guess = |f| (f, CameraSource::Assumed, false);
+        assert_eq!(
+            starts((320, 240), &query, &scene),
+            [own(250.0), own(300.0), guess(272.0)]
+        );
+        assert_eq!(
+            starts((640, 360), &query, &scene),
+            [own(550.0), guess(544.0)]
+        );
+        // Turned, cropped, or of a scene that does not know its camera.
+        assert_eq!(starts((480, 640), &query, &scene), [guess(544.0)]);
+        assert_eq!(starts((640, 400), &query, &scene), [guess(544.0)]);
+        let nothing = SceneInfo::new(ExtractorKind::Xfeat, "");
+        assert_eq!(starts((320, 240), &query, &nothing), [guess(272.0)]);
+    }
+
+    #[test]
+    fn what_comes_with_the_frame_or_was_learned_of_its_camera_counts_more() {
+        let scene = scene(&[(640, 480, 500.0), (640, 480, 600.0)]);
+        let given = Query::with_camera(Camera::centered(640, 480, 700.0));
+        assert_eq!(
+            starts((640, 480), &given, &scene),
+            [(700.0, CameraSource::Given, true)]
+        );
+        let learned = |focal_px: f64| Query {
+            focal: Some(FocalBelief {
+                focal_per_width: focal_px / 640.0,
+                sigma_ln: 0.004,
+            }),
+            ..Query::default()
+        };
+        // It agrees with one of them, which is known to the last digit then; or it is another camera.
+        assert_eq!(
+            starts((640, 480), &learned(607.0), &scene),
+            [(600.0, CameraSource::Scene, true)]
+        );
+        let [(focal_px, source, _)] = starts((640, 480), &learned(550.0), &scene)[..] else {
+            panic!("one start");
+        };
+        assert!((focal_px - 550.0).abs() < 1e-9);
+        assert_eq!(source, CameraSource::Remembered);
+    }
+
+    /// Without landmarks nobody finds out that a frame is of another camera.
+    #[test]
+    fn a_camera_that_is_not_checked_is_not_taken_as_known() {
+        let scene = scene(&[(640, 480, 500.0)]);
+        let starts = Starts::new((640, 480), &Query::default(), &scene, false);
+        let first = starts.expect("makes sense").first;
+        assert_eq!(first.source, CameraSource::Scene);
+        assert!(matches!(first.focal, Focal::Refine { .. }));
     }
 }

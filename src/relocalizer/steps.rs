@@ -7,14 +7,14 @@ use super::correspond::correspondences;
 use super::error::LocateError;
 use super::last_frame::{count, mark};
 use super::options::{CameraSource, Query};
-use super::result::{Counts, Localization, Outcome, Report};
-use super::start::Start;
+use super::result::{Counts, Localization, NotLocated, Outcome, Report};
+use super::start::{Start, Starts};
 use super::timings::StageTimings;
 use crate::front_end::{FrontEndError, Stopwatch};
-use crate::geometry::WorkingFromSensor;
+use crate::geometry::{Camera, WorkingFromSensor};
 use crate::image::FrameView;
 use crate::landmarks::FoundAgain;
-use crate::pose::{self, PoseEstimate, PoseOptions};
+use crate::pose::{self, PoseEstimate, PoseOptions, PoseStats};
 
 /// A frame whose working image is made and whose extractor runs, if it runs on a device. Goes into
 /// `Relocalizer::observe`.
@@ -37,6 +37,37 @@ pub struct Observed {
     timings: StageTimings,
     on_gpu: bool,
     working_from_sensor: WorkingFromSensor,
+}
+
+/// A frame solved from one start.
+#[derive(Debug, Clone, Copy)]
+struct Answer {
+    outcome: Outcome,
+    camera: Camera,
+    source: CameraSource,
+    sigma_ln: Option<f64>,
+    counts: Counts,
+    found_again: Option<FoundAgain>,
+    stats: PoseStats,
+}
+
+impl Answer {
+    /// Whether another start may do better: where there is no pose yet, and no reason that no camera changes; and another camera of
+    /// the scene where the one that was tried proved to be another.
+    fn is_open_to(&self, start: &Start) -> bool {
+        match self.outcome {
+            Outcome::NotLocated(NotLocated::FewFeatures | NotLocated::Timeout) => false,
+            Outcome::NotLocated(_) => true,
+            Outcome::Located(_) => {
+                self.source == CameraSource::Estimated && start.source == CameraSource::Scene
+            }
+        }
+    }
+
+    fn is_better_than(&self, other: &Self) -> bool {
+        let sure = |answer: &Self| answer.outcome.located().map_or(-1.0, |l| l.confidence);
+        sure(self) > sure(other)
+    }
 }
 
 impl Relocalizer {
@@ -150,7 +181,7 @@ impl Relocalizer {
         frame.check().map_err(FrontEndError::Frame)?;
         let size = (frame.width, frame.height);
         // For its errors: the intrinsics themselves may change until this frame is solved.
-        Start::new(size, query)?;
+        self.starts(size, query)?;
         // From here on the picture of an earlier frame is gone, even if this one fails.
         self.num_begun += 1;
         self.front_end.prepare(frame)?;
@@ -216,7 +247,7 @@ impl Relocalizer {
                 number: observed.number,
             });
         }
-        let start = Start::new(observed.size, query)?;
+        let starts = self.starts(observed.size, query)?;
         let mut stopwatch = Stopwatch::start(clock);
         let mut timings = observed.timings;
         if !self.has_predicted {
@@ -224,6 +255,52 @@ impl Relocalizer {
             timings.regress_ms = stopwatch.lap();
         }
         self.working_from_sensor = observed.working_from_sensor;
+        let mut answer = self.answer(&starts.first, query, &mut stopwatch, &mut timings)?;
+        let (mut from, mut is_last) = (starts.first, true);
+        for start in starts.rest() {
+            if !answer.is_open_to(&start) {
+                continue;
+            }
+            let other = self.answer(&start, query, &mut stopwatch, &mut timings)?;
+            is_last = other.is_better_than(&answer);
+            if is_last {
+                (answer, from) = (other, start);
+            } else if answer.outcome.located().is_none() {
+                // Why it is not located is what the first camera says; what is left behind is of the last one.
+                answer.counts = other.counts;
+                is_last = true;
+            }
+        }
+        if !is_last {
+            answer = self.answer(&from, query, &mut stopwatch, &mut timings)?;
+        }
+        timings.total_ms += stopwatch.total();
+        Ok(Report {
+            outcome: answer.outcome,
+            on_gpu: observed.on_gpu,
+            camera: answer.camera,
+            camera_source: answer.source,
+            focal_sigma_ln: answer.sigma_ln,
+            counts: answer.counts,
+            found_again: answer.found_again,
+            pose_stats: answer.stats,
+            timings,
+        })
+    }
+
+    fn starts(&self, size: (u32, u32), query: &Query) -> Result<Starts, LocateError> {
+        let is_checked = self.scene.has_landmarks() && self.options.live.look_again;
+        Starts::new(size, query, self.scene.info(), is_checked)
+    }
+
+    /// The pose of the frame that was observed last, from one start.
+    fn answer(
+        &mut self,
+        start: &Start,
+        query: &Query,
+        stopwatch: &mut Stopwatch<'_>,
+        timings: &mut StageTimings,
+    ) -> Result<Answer, LocateError> {
         let mut counts = self.correspond();
         let camera = start.camera.resized(&self.working_from_sensor);
         let options = PoseOptions {
@@ -235,9 +312,9 @@ impl Relocalizer {
         let (points, lines) = (&self.points, &self.lines);
         let clock = stopwatch.clock();
         let first = pose::estimate(points, lines, &camera, &options, &mut self.pose, clock)?;
-        timings.solve_ms = stopwatch.lap();
+        timings.solve_ms += stopwatch.lap();
         let (solved, found_again) = self.look_again(first, &camera, &options, stopwatch.clock())?;
-        timings.look_ms = stopwatch.lap();
+        timings.look_ms += stopwatch.lap();
         counts.num_point_correspondences = self.points.len();
         counts.num_line_correspondences = self.lines.len();
         let (mut solved_camera, mut source, mut sigma_ln) = (start.camera, start.source, None);
@@ -256,17 +333,14 @@ impl Relocalizer {
         counts.num_point_inliers = count(&self.is_point_inlier);
         counts.num_line_inliers = count(&self.is_line_inlier);
         timings.solve_ms += stopwatch.lap();
-        timings.total_ms += stopwatch.total();
-        Ok(Report {
+        Ok(Answer {
             outcome,
-            on_gpu: observed.on_gpu,
             camera: solved_camera,
-            camera_source: source,
-            focal_sigma_ln: sigma_ln,
+            source,
+            sigma_ln,
             counts,
             found_again,
-            pose_stats: solved.stats,
-            timings,
+            stats: solved.stats,
         })
     }
 

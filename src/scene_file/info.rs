@@ -89,6 +89,9 @@ pub struct TrainingSummary {
     pub source: String,
 }
 
+/// A scene knows so many cameras besides its first.
+pub const MAX_OTHER_CAMERAS: usize = 7;
+
 /// Metadata of a scene file, besides the network's configuration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SceneInfo {
@@ -112,6 +115,8 @@ pub struct SceneInfo {
     pub working_max_side: u32,
     /// Camera of the pictures that the scene was taught with, if there was one.
     pub camera: Option<Camera>,
+    /// Further cameras of these pictures, at most [`MAX_OTHER_CAMERAS`].
+    pub other_cameras: Vec<Camera>,
     /// How the scene was taught.
     pub training: Option<TrainingSummary>,
     /// Licence of the map, as text.
@@ -134,6 +139,7 @@ impl SceneInfo {
             gravity: None,
             working_max_side: 640,
             camera: None,
+            other_cameras: Vec::new(),
             training: None,
             licence: String::new(),
             created: None,
@@ -147,6 +153,12 @@ impl SceneInfo {
             Units::Metres => 1.0,
             Units::Arbitrary => 0.5 * self.scale.scale,
         }
+    }
+
+    /// The cameras of the teaching pictures, scaled to pictures of this size, where the shape is theirs.
+    pub fn cameras_for(&self, width: u32, height: u32) -> impl Iterator<Item = Camera> + '_ {
+        let all = self.camera.iter().chain(&self.other_cameras);
+        all.filter_map(move |camera| camera.for_size(width, height))
     }
 
     pub(super) fn to_metadata(
@@ -177,6 +189,12 @@ impl SceneInfo {
         if let Some(camera) = &self.camera {
             let record = CameraRecord::from_camera(camera);
             put("camera", text("camera", &record)?);
+        }
+        if !self.other_cameras.is_empty() {
+            let records: Vec<_> = (self.other_cameras.iter())
+                .map(CameraRecord::from_camera)
+                .collect();
+            put("other_cameras", text("other_cameras", &records)?);
         }
         if let Some(training) = &self.training {
             put("training", text("training", training)?);
@@ -251,6 +269,18 @@ impl SceneInfo {
                 record.to_camera().map_err(|e| e.to_string())
             })?),
         };
+        let other_cameras = match file.metadata().get("other_cameras") {
+            None => Vec::new(),
+            Some(_) => parse(file, "other_cameras", |t| {
+                let records: Vec<CameraRecord> =
+                    serde_json::from_str(t).map_err(|e| e.to_string())?;
+                if records.len() > MAX_OTHER_CAMERAS {
+                    return Err(format!("must be at most {MAX_OTHER_CAMERAS}"));
+                }
+                let cameras = records.iter().map(CameraRecord::to_camera);
+                cameras.collect::<Result<_, _>>().map_err(|e| e.to_string())
+            })?,
+        };
         let training = match file.metadata().get("training") {
             None => None,
             Some(_) => Some(parse(file, "training", |t| {
@@ -280,6 +310,7 @@ impl SceneInfo {
             gravity,
             working_max_side,
             camera,
+            other_cameras,
             training,
             licence: file.metadata().get("licence").cloned().unwrap_or_default(),
             created,

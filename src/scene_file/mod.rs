@@ -25,7 +25,7 @@ mod timestamp;
 pub use crate::geometry::Units;
 pub use error::SceneFileError;
 pub use extractor_file::ExtractorFile;
-pub use info::{HeldOut, MAX_WORKING_SIDE, SceneInfo, TrainingSummary};
+pub use info::{HeldOut, MAX_OTHER_CAMERAS, MAX_WORKING_SIDE, SceneInfo, TrainingSummary};
 pub use scene::{Precision, SceneFile};
 pub use tensor_file::{Element, MAX_FILE_BYTES, MAX_HEADER_BYTES, TensorFile, serialize};
 pub use timestamp::{Timestamp, TimestampError};

@@ -204,7 +204,7 @@ fn check_descriptor_size(info: &SceneInfo, config: &RegressorConfig) -> Result<(
 mod tests {
     use super::super::{HeldOut, Timestamp, TrainingSummary, Units, serialize};
     use super::*;
-    use crate::geometry::{Camera, CameraModel};
+    use crate::geometry::{Camera, CameraModel, CameraRecord};
     use crate::landmarks::LandmarkError;
     use crate::models::{ExtractorKind, Preset};
     use crate::nn::WeightTensor;
@@ -244,6 +244,7 @@ mod tests {
                 cy: 240.0,
             },
         });
+        info.other_cameras = vec![Camera::centered(1280, 720, 1100.0)];
         info.training = Some(TrainingSummary {
             num_images: 10,
             held_out: Some(HeldOut {
@@ -456,6 +457,8 @@ mod tests {
             change("format", "3"),
             SceneFileError::Version { .. }
         ));
+        let one = CameraRecord::from_camera(&Camera::centered(4, 4, 3.0));
+        let many = serde_json::json!(vec![one; 8]).to_string();
         for (key, value) in [
             ("extractor", "sift"),
             ("extractor_sha256", "zz"),
@@ -475,6 +478,12 @@ mod tests {
                 "camera",
                 "{\"model\":\"PINHOLE\",\"width\":0,\"height\":0,\"params\":[1,1,1,1]}",
             ),
+            ("other_cameras", "{}"),
+            (
+                "other_cameras",
+                "[{\"model\":\"PINHOLE\",\"width\":4,\"height\":4,\"params\":[1]}]",
+            ),
+            ("other_cameras", many.as_str()),
             ("variant", "v1"),
             ("config", "{}"),
             ("working_max_side", "1e9"),

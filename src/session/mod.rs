@@ -35,6 +35,9 @@ use crate::relocalizer::{CameraSource, Observed, Query, Relocalizer, Report};
 /// A focal length known worse than this makes tracking limited.
 const MAX_TRACKED_SIGMA_LN: f64 = 0.05;
 
+/// How well a focal length is measured where the frame did not contradict that of the scene.
+const OWN_CAMERA_SIGMA_LN: f64 = 0.02;
+
 /// What is known about a frame of a camera besides its pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SessionQuery<'a> {
@@ -227,7 +230,12 @@ impl Session {
     /// Learns from an answer and puts it in its place among the others.
     pub(crate) fn follow(&mut self, frame: Report, query: &SessionQuery<'_>) -> SessionReport {
         let found = frame.outcome.located();
-        if let (Some(_), Some(sigma_ln)) = (found, frame.focal_sigma_ln) {
+        // That a camera of the scene fits is a measurement too.
+        let sigma_ln = match frame.camera_source {
+            CameraSource::Scene => frame.focal_sigma_ln.or(Some(OWN_CAMERA_SIGMA_LN)),
+            _ => frame.focal_sigma_ln,
+        };
+        if let (Some(_), Some(sigma_ln)) = (found, sigma_ln) {
             let per_width = frame.camera.focal_px().0 / f64::from(frame.camera.width);
             self.focal.learn(query.camera_name, per_width, sigma_ln);
         }

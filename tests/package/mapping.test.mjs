@@ -167,8 +167,14 @@ test("making the map can be cancelled, and what fails says why and what helps", 
   await page.click("#map-again");
   await heading(page, "Your place is mapped");
   assert.equal(await page.textContent("#mapping .problem-hint"), cut);
-  assert.match(await page.textContent("#map-problems"), /notes\.jpg: cannot be decoded/);
-  assert.match(await page.textContent("#map-problems"), /night\.bmp: too dark/);
+  // Each reason once, the commonest first, with the pictures that it is of.
+  const reasons = await page.$$eval("#map-problems li", (all) => all.map((row) => [...row.querySelectorAll("summary, p")].map((part) => part.textContent)));
+  assert.equal(new Set(reasons.map(([reason]) => reason)).size, reasons.length);
+  const counts = reasons.map(([reason, names]) => [Number(reason.split(" ")[0]), names.split(", ").length]);
+  assert.ok(counts.every(([said, named], i) => said === named && (i === 0 || said <= counts[i - 1][0])), JSON.stringify(reasons));
+  const of = (words) => reasons.find(([reason]) => words.test(reason))?.[1];
+  assert.match(of(/^1 picture: cannot be decoded/), /^notes\.jpg$/);
+  assert.match(of(/^1 picture: too dark/), /^night\.bmp$/);
   assert.equal(await page.evaluate(() => globalThis.mappers.length), 2);
   // The metre stick: two marks in a picture, by keyboard, and a distance.
   await page.click("#map-metre summary");

@@ -33,7 +33,7 @@ test("pictures become a place, the place is located in, and it works without a n
   const summary = await page.textContent("#map-summary");
   t.diagnostic(summary);
   await page.screenshot({ path: artefact("map-real.png") });
-  const left = await page.$$eval("#map-problems li", (all) => all.map((row) => row.textContent.split(":")[0]));
+  const left = await page.$$eval("#map-problems li p", (all) => all.flatMap((row) => row.textContent.split(", ")));
   const placed = pictures.filter(({ name }) => !left.includes(name));
   assert.ok(placed.length >= 4, `${placed.length} pictures have a place`);
   await page.click("#map-try");

@@ -163,6 +163,7 @@ fn left_out_name(reason: LeftOut) -> &'static str {
         LeftOut::OnlyTurned => "only-turned",
         LeftOut::TooFewPoints => "too-few-points",
         LeftOut::NoPose => "no-pose",
+        LeftOut::OtherPiece => "other-piece",
     }
 }
 

@@ -165,5 +165,6 @@ fn source_code(source: CameraSource) -> f64 {
         CameraSource::Remembered => 3.0,
         CameraSource::Estimated => 4.0,
         CameraSource::Assumed => 5.0,
+        CameraSource::Scene => 6.0,
     }
 }

@@ -10,7 +10,7 @@ const headerLength = 100;
 const reasons: readonly NotLocatedReason[] = ["few-features", "few-correspondences", "few-inliers", "degenerate", "ambiguous", "timeout", "other-place", "mirrored"];
 const states: readonly TrackingState[] = ["searching", "tracking", "limited"];
 const limits: readonly LimitedReason[] = ["lost", "jump", "focal-uncertain"];
-const sources: readonly IntrinsicsSource[] = ["given", "track", "exif", "remembered", "estimated", "assumed"];
+const sources: readonly IntrinsicsSource[] = ["given", "track", "exif", "remembered", "estimated", "assumed", "scene"];
 const backends: readonly Backend[] = ["cpu", "webgpu"];
 
 interface Context {

@@ -55,6 +55,8 @@ export type KnownIntrinsicsSource =
 /** How the intrinsics of a result came to be known. */
 export type IntrinsicsSource =
   | KnownIntrinsicsSource
+  /** Of the camera that took the scene's own pictures: the frame has their shape, and nothing in it contradicts. */
+  | "scene"
   /** Learned from earlier frames of the same camera. */
   | "remembered"
   /** Solved from this frame together with the position. */

@@ -128,9 +128,15 @@ function furtherTraining(mapper, place) {
   );
 }
 
-/** What did not become part of the map, and why. */
+/** What did not become part of the map, and why: each reason once, with its pictures on demand. */
 function problems(missing, leftOut) {
   const rows = [...missing.map(({ name, keyframe, reason, advice }) => [name ?? `Picture ${keyframe + 1}`, advice ?? reason?.replaceAll("-", " ") ?? "no position was found"]), ...leftOut];
   if (rows.length === 0) return undefined;
-  return el("details", { class: "map-card", id: "map-problems" }, el("summary", {}, `${plural(rows.length, "picture")} left out, and why`), el("ul", {}, ...rows.map(([name, reason]) => el("li", {}, `${name}: ${reason}`))));
+  const reasons = new Map();
+  for (const [name, reason] of rows) reasons.set(reason, [...(reasons.get(reason) ?? []), name]);
+  const commonestFirst = [...reasons].sort(([, a], [, b]) => b.length - a.length);
+  const items = commonestFirst.map(([reason, names]) =>
+    el("li", {}, el("details", { class: "map-reason" }, el("summary", {}, `${plural(names.length, "picture")}: ${reason}`), el("p", { class: "fine" }, names.join(", ")))),
+  );
+  return el("details", { class: "map-card", id: "map-problems" }, el("summary", {}, `${plural(rows.length, "picture")} left out, and why`), el("ul", {}, ...items));
 }

@@ -135,6 +135,7 @@ fn scene_card(scene: &SceneFile) -> String {
         gravity,
         working_max_side,
         camera,
+        other_cameras,
         training,
         licence,
         created,
@@ -210,7 +211,7 @@ fn scene_card(scene: &SceneFile) -> String {
         ),
         None => line(&mut out, "gravity", "not known"),
     }
-    if let Some(camera) = camera {
+    for camera in camera.iter().chain(other_cameras) {
         let (params, num) = camera.model.params();
         let params: Vec<String> = params[..num].iter().map(|p| format!("{p:.3}")).collect();
         line(

@@ -10,9 +10,7 @@ use crate::shown::shown;
 use anyhow::{Context, Result, ensure};
 use landline::geometry::{Camera, CameraRecord};
 use landline::image::{FrameView, PixelFormat};
-use landline::relocalizer::{
-    CameraSource, NotLocated, Outcome, Query, Relocalizer, RelocalizerOptions, Report,
-};
+use landline::relocalizer::{NotLocated, Outcome, Query, Relocalizer, RelocalizerOptions, Report};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -27,8 +25,8 @@ pub struct Args {
     pictures: Vec<PathBuf>,
     #[command(flatten)]
     extractor: ExtractorArgs,
-    /// Camera of the pictures: MODEL,width,height,parameters in COLMAP's order. Otherwise the scene's own camera where it
-    /// has the same shape, else the focal length is solved with the pose.
+    /// Camera of the pictures: MODEL,width,height,parameters in COLMAP's order. Otherwise a camera of the scene
+    /// where one takes pictures of the same shape, else the focal length is solved with the pose.
     #[arg(long, value_name = "MODEL,W,H,...", value_parser = crate::dataset::parse_camera)]
     camera: Option<CameraRecord>,
     #[command(flatten)]
@@ -57,7 +55,6 @@ pub fn run(args: Args) -> Result<()> {
     let (scene, _) = read_scene(&args.scene)?;
     let extractor = args.extractor.read()?;
     let given = args.camera.as_ref().map(expressed).transpose()?;
-    let scene_camera = scene.info.camera;
     let change = |options: &mut RelocalizerOptions| options.kernels = args.kernels.level();
     let on_cpu = args
         .against_cpu
@@ -77,7 +74,7 @@ pub fn run(args: Args) -> Result<()> {
     let mut num_failed = 0;
     for path in &args.pictures {
         // A picture that cannot be read does not keep the others from being located.
-        if let Err(error) = locate(&mut both, path, given, scene_camera, &args) {
+        if let Err(error) = locate(&mut both, path, given, &args) {
             eprintln!("error: {}", crate::shown::told(&error));
             num_failed += 1;
         }
@@ -162,7 +159,6 @@ fn turn_that_locates(
     relocalizer: &mut Relocalizer,
     rgb: &image::RgbImage,
     given: Option<Camera>,
-    scene_camera: Option<Camera>,
 ) -> Option<u32> {
     let (mut rgb, mut given) = (rgb.clone(), given);
     for turn_deg in [90, 180, 270] {
@@ -170,7 +166,7 @@ fn turn_that_locates(
         given = given.map(|camera| camera.turned_clockwise().0);
         let (width, height) = rgb.dimensions();
         let query = Query {
-            camera: given.or(scene_camera.and_then(|c| c.for_size(width, height))),
+            camera: given,
             ..Query::default()
         };
         let frame = FrameView::tight(rgb.as_raw(), width, height, PixelFormat::Rgb8);
@@ -182,17 +178,10 @@ fn turn_that_locates(
     None
 }
 
-fn locate(
-    both: &mut Both,
-    path: &Path,
-    given: Option<Camera>,
-    scene_camera: Option<Camera>,
-    args: &Args,
-) -> Result<()> {
+fn locate(both: &mut Both, path: &Path, given: Option<Camera>, args: &Args) -> Result<()> {
     let rgb = picture::read(path)?.into_rgb8();
     let query = Query {
-        camera: given.or(scene_camera.and_then(|c| c.for_size(rgb.width(), rgb.height()))),
-        camera_source: CameraSource::Given,
+        camera: given,
         ..Query::default()
     };
     let frame = FrameView::tight(rgb.as_raw(), rgb.width(), rgb.height(), PixelFormat::Rgb8);
@@ -225,7 +214,7 @@ fn locate(
         report.outcome,
         Outcome::Located(_) | Outcome::NotLocated(NotLocated::FewFeatures)
     ) {
-        told.turn_deg = turn_that_locates(relocalizer, &rgb, given, scene_camera);
+        told.turn_deg = turn_that_locates(relocalizer, &rgb, given);
     }
     if args.json {
         println!("{}", to_json(path, &report, &told));

@@ -64,8 +64,8 @@ enum What {
         /// Pictures.
         #[arg(required = true)]
         pictures: Vec<PathBuf>,
-        /// Camera of the pictures: MODEL,width,height,parameters in COLMAP's order. Otherwise the focal length is solved with
-        /// the pose.
+        /// Camera of the pictures: MODEL,width,height,parameters in COLMAP's order. Otherwise the camera of each room
+        /// where it takes pictures of the same shape, else the focal length is solved with the pose.
         #[arg(long, value_name = "MODEL,W,H,...", value_parser = crate::dataset::parse_camera)]
         camera: Option<CameraRecord>,
         #[command(flatten)]

@@ -152,6 +152,8 @@ pub enum LeftOut {
     TooFewPoints,
     /// It sees points of the model, but no pose explains them.
     NoPose,
+    /// It has a pose among others, in a piece that could not be joined to the largest.
+    OtherPiece,
 }
 
 impl LeftOut {
@@ -169,6 +171,9 @@ impl LeftOut {
             }
             Self::NoPose => {
                 "no position explains what it shows: another zoom, something that moved, or a place that looks like another"
+            }
+            Self::OtherPiece => {
+                "belongs to another piece of the film that could not be joined: film the way from one to the other"
             }
         }
     }

@@ -103,7 +103,7 @@ export interface WriteOptions {
 export type BuildOptions = Omit<WriteOptions, "scale" | "up">;
 
 /** Why a keyframe has no place. */
-export type LeftOutReason = "nothing-in-common" | "only-turned" | "too-few-points" | "no-pose";
+export type LeftOutReason = "nothing-in-common" | "only-turned" | "too-few-points" | "no-pose" | "other-piece";
 
 export interface MapPicture {
   keyframe: number;

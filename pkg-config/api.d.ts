@@ -733,6 +733,7 @@ export interface LocateRequest {
     include: readonly Include[];
     camera: string;
     tracking: boolean;
+    explain: boolean;
     /** Empty, or a direction in the camera and its standard deviation. */
     gravity: readonly number[];
     /** Empty, or `cameraFromWorld`. */
@@ -1017,7 +1018,11 @@ export type NotLocatedReason =
 /** Hardly anything of what the scene should show is there from any position: another place, or a part that was not taught. */
  | "other-place"
 /** It fits only as seen in a mirror: a mirrored picture or camera. */
- | "mirrored";
+ | "mirrored"
+/** It is located with another focal length than that of the intrinsics that came with it; only with `explain`. */
+ | "focal-mismatch"
+/** It is located once it is turned, by `turnClockwiseDeg`; only with `explain`. */
+ | "turned";
 /** State over several frames. */
 export type TrackingState = "searching" | "tracking" | "limited";
 /** Why tracking is limited. */
@@ -1102,11 +1107,15 @@ export interface LocatedResult extends ResultCommon {
     placement: Placement;
     /** The same before smoothing; present only when smoothing is on. */
     unsmoothed?: Placement;
+    /** The frame contradicts the intrinsics that came with it, or were learned before: those of this result are solved ones. */
+    warning?: "focal-mismatch";
 }
 /** An answer without one. */
 export interface NotLocatedResult extends ResultCommon {
     located: false;
     reason: NotLocatedReason;
+    /** Of the reason `turned`: so the picture has to be turned to be located. */
+    turnClockwiseDeg?: 90 | 180 | 270;
     placement?: undefined;
     unsmoothed?: undefined;
 }
@@ -1177,6 +1186,11 @@ export interface LocateOptions {
         z: number; /** Standard deviation in radians; two degrees by default. */
         sigmaRad?: number;
     };
+    /**
+     * Find out why a picture is not located: with other intrinsics, and turned by quarters. Such a picture takes up to four times as
+     * long. By default for files (`Blob`) that are no frames of a moving camera.
+     */
+    explain?: boolean;
     /** Hand over `ImageBitmap`, `VideoFrame` or the buffer of raw pixels instead of copying: they are unusable afterwards. */
     transfer?: boolean;
     signal?: AbortSignal;

@@ -20,6 +20,8 @@ const reasonWords = {
   ambiguous: ["Two places look alike", "Several positions explain this picture. Show something that exists only once."],
   "other-place": ["Not this place", "What the scene should show is here from no position. Turn to a part that was taught, or load the scene of this place."],
   mirrored: ["Mirrored", "This fits only as seen in a mirror. Turn off the mirroring of the camera."],
+  "focal-mismatch": ["Another focal length", "This picture is located with another focal length than the given one. Clear the field, or give that of this picture."],
+  turned: ["Turned picture", "It is located once it is turned upright. Turn it, or save it with its orientation."],
   timeout: ["Ran out of time", "The search was cut short. Allow more time per frame, or use a smaller picture."],
 };
 
@@ -75,11 +77,12 @@ export function showResult(result, error) {
     if (error) parts.push(`off by ${length(error.distance, metric)} and ${error.degrees.toFixed(2)}°`);
     else if (q.sigmaPosition !== undefined) parts.push(`± ${length(q.sigmaPosition, metric)}`);
     parts.push(`${q.pointInliers} points and ${q.lineInliers} lines agree`, ms(result.timingsMs.total));
+    if (result.warning) parts.unshift("the given focal length does not fit, another was solved");
     if (result.state === "limited" && result.limited) parts.unshift(limitedWords[result.limited]);
     status(result.state === "limited" ? "warn" : "good", "Located", parts.join(" · "));
   } else {
     const [word, advice] = reasonWords[result.reason] ?? ["Not located", ""];
-    status("bad", word, advice);
+    status("bad", word, result.turnClockwiseDeg ? advice.replace("upright", `by ${result.turnClockwiseDeg}° clockwise`) : advice);
   }
   showStages(result.timingsMs);
   showFacts(result, metric, error);

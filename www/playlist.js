@@ -68,7 +68,7 @@ export async function locatePicture(item) {
   const intrinsics = intrinsicsFor(item, bitmap.width, bitmap.height);
   const include = ["points", "lines", "segments"];
   // Without intrinsics the engine gets the file itself, for its EXIF block.
-  const result = await state.relocalizer.locate(intrinsics ? bitmap : blob, { include, ...(intrinsics ? { intrinsics } : {}) });
+  const result = await state.relocalizer.locate(intrinsics ? bitmap : blob, { include, explain: true, ...(intrinsics ? { intrinsics } : {}) });
   return { result, bitmap };
 }
 

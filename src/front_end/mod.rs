@@ -213,6 +213,11 @@ impl FrontEnd {
         Ok(timings)
     }
 
+    /// The picture that was prepared last, in grey.
+    pub(crate) fn picture(&self) -> &GrayImage {
+        &self.gray
+    }
+
     /// Grey and working image of a frame.
     pub(crate) fn prepare(&mut self, frame: &FrameView<'_>) -> Result<(), FrontEndError> {
         gray_from_frame(frame, &mut self.gray)?;

@@ -270,6 +270,20 @@ impl GrayImage {
         GrayView::tight(&self.data, self.width, self.height)
     }
 
+    /// The picture turned by 90 degrees clockwise.
+    pub fn turned_clockwise(&self) -> Self {
+        let columns = 0..self.width;
+        let data = columns.flat_map(|x| {
+            let upwards = (0..self.height).rev();
+            upwards.map(move |y| self.data[y * self.width + x])
+        });
+        Self {
+            data: data.collect(),
+            width: self.height,
+            height: self.width,
+        }
+    }
+
     /// Gives the image a size. What the pixels hold afterwards is unspecified; memory is kept for reuse.
     pub(crate) fn set_size(&mut self, width: usize, height: usize) {
         self.width = width;
@@ -291,6 +305,18 @@ mod tests {
             format: PixelFormat::Rgba8,
         }
         .check()
+    }
+
+    #[test]
+    fn a_quarter_turn_brings_the_left_column_up() {
+        let image = GrayImage {
+            data: vec![1, 2, 3, 4, 5, 6],
+            width: 3,
+            height: 2,
+        };
+        let turned = image.turned_clockwise();
+        assert_eq!((turned.width, turned.height), (2, 3));
+        assert_eq!(turned.data, [4, 1, 5, 2, 6, 3]);
     }
 
     #[test]

@@ -23,6 +23,7 @@ mod correspond;
 #[cfg(feature = "webgpu")]
 mod device;
 mod error;
+mod explain;
 #[cfg(feature = "webgpu")]
 mod gpu;
 mod last_frame;

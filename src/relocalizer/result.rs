@@ -25,6 +25,13 @@ pub enum NotLocated {
     OtherPlace,
     /// Many more things would agree if the world were mirrored: a mirrored picture, or a left-handed scene.
     Mirrored,
+    /// It is located with another focal length than that of the intrinsics that came with it. From [`super::Relocalizer::explain`].
+    FocalMismatch,
+    /// It is located once it is turned by so many degrees clockwise: 90, 180 or 270. From [`super::Relocalizer::explain`].
+    Turned {
+        /// In degrees.
+        clockwise_deg: u16,
+    },
 }
 
 impl NotLocated {
@@ -61,6 +68,19 @@ impl NotLocated {
             }
             Self::Mirrored => {
                 "mirrored: it fits only as seen in a mirror; turn off the mirroring of the camera or the picture"
+            }
+            Self::FocalMismatch => {
+                "focal mismatch: it is located, but with another focal length than the given one: give that of this picture, or none"
+            }
+            Self::Turned { clockwise_deg: 90 } => {
+                "turned: it is located once it is turned by 90 degrees clockwise; turn the picture, or keep its EXIF orientation"
+            }
+            Self::Turned { clockwise_deg: 270 } => {
+                "turned: it is located once it is turned by 90 degrees counter-clockwise; turn the picture, or keep its EXIF \
+                 orientation"
+            }
+            Self::Turned { .. } => {
+                "turned: it is located once it is turned by 180 degrees; turn the picture, or keep its EXIF orientation"
             }
             Self::Timeout => "the time budget ended first: allow more, or show more of the scene",
         }
@@ -132,6 +152,9 @@ pub struct Report {
     pub camera: Camera,
     /// Where they come from.
     pub camera_source: CameraSource,
+    /// Whether it contradicts the intrinsics that came with it, or were learned from earlier ones: [`Self::camera`] is a solved one
+    /// then.
+    pub has_focal_mismatch: bool,
     /// Relative standard deviation of the focal length; `None` when it was given.
     pub focal_sigma_ln: Option<f64>,
     /// How many of everything.

@@ -128,6 +128,11 @@ impl Start {
         }
     }
 
+    /// Whether somebody says that it is this frame's camera.
+    pub(super) fn is_claimed(&self) -> bool {
+        !matches!(self.source, CameraSource::Scene | CameraSource::Assumed)
+    }
+
     /// Of a camera of which nothing is known.
     fn assumed((width, height): (u32, u32)) -> Self {
         let focal_px = ASSUMED_FOCAL * f64::from(width.max(height));

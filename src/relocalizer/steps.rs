@@ -280,6 +280,7 @@ impl Relocalizer {
             on_gpu: observed.on_gpu,
             camera: answer.camera,
             camera_source: answer.source,
+            has_focal_mismatch: answer.source == CameraSource::Estimated && from.is_claimed(),
             focal_sigma_ln: answer.sigma_ln,
             counts: answer.counts,
             found_again: answer.found_again,

@@ -30,7 +30,7 @@ use crate::image::FrameView;
 use crate::pose::{Gravity, PriorPose};
 #[cfg(feature = "webgpu")]
 use crate::relocalizer::Begun;
-use crate::relocalizer::{CameraSource, Observed, Query, Relocalizer, Report};
+use crate::relocalizer::{CameraSource, NotLocated, Observed, Query, Relocalizer, Report};
 
 /// A focal length known worse than this makes tracking limited.
 const MAX_TRACKED_SIGMA_LN: f64 = 0.05;
@@ -204,6 +204,19 @@ impl Session {
         let alone = self.alone(query)?;
         let report = self.relocalizer.solve(observed, &alone, clock)?;
         Ok(self.follow(report, query))
+    }
+
+    /// Finds out why the frame that was answered last was not located, as [`Relocalizer::explain`].
+    ///
+    /// # Errors
+    /// As that.
+    pub fn explain(
+        &mut self,
+        query: &SessionQuery<'_>,
+        reason: NotLocated,
+    ) -> Result<NotLocated, SessionError> {
+        let alone = self.alone(query)?;
+        Ok(self.relocalizer.explain(&alone, reason)?)
     }
 
     /// What the relocalizer is handed: all that earlier frames say about this one.

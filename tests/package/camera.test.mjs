@@ -1,7 +1,7 @@
 // The live camera, played from a file of sample pictures.
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { artefact, browser, fakeCamera, haveSample, located, open, sampleFiles, serve } from "./page.mjs";
+import { artefact, browser, fakeCamera, haveSample, located, open, sampleFiles, sceneOfUnknownCamera, serve } from "./page.mjs";
 
 const skip = haveSample() ? false : "the sample scene is not there: run `cargo xtask sample`";
 
@@ -39,11 +39,17 @@ test("learns the camera's focal length and knows it at the next visit", { skip, 
   const flags = await fakeCamera(t, pictures.slice(0, 8).map(({ path }) => path), 20);
   const server = await serve(t);
   const { page } = await open(await browser(t, flags), server.url, { permissions: ["camera"] });
-  await located(page);
+  // A scene that does not know its camera: otherwise this one is it, and there is nothing to learn.
+  const openScene = async () => {
+    await located(page);
+    await page.setInputFiles("#open-scene", { name: "room.landline", mimeType: "application/octet-stream", buffer: await sceneOfUnknownCamera() });
+    await page.waitForFunction(() => globalThis.landlinePage.state.scene?.isSample === false && !globalThis.landlinePage.state.loading && globalThis.landlinePage.state.relocalizer);
+  };
+  await openScene();
   await page.click("[data-source=camera]");
   await page.waitForFunction(() => Object.keys(JSON.parse(localStorage.getItem("landline-cameras") ?? "{}")).length === 1);
   await page.reload();
-  await located(page);
+  await openScene();
   await page.click("[data-source=camera]");
   await page.waitForFunction(() => globalThis.landlinePage.state.live && globalThis.landlinePage.state.result);
   const { intrinsics } = await page.evaluate(() => globalThis.landlinePage.state.result);

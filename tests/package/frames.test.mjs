@@ -1,7 +1,7 @@
 // What the engine takes and what it tells over several frames: kinds of pictures, states, focal lengths.
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { blank, haveSample, softwareGpu } from "./page.mjs";
+import { blank, haveSample, sceneOfUnknownCamera, softwareGpu } from "./page.mjs";
 
 const skip = haveSample() ? false : "the sample scene is not there: run `cargo xtask sample`";
 
@@ -91,15 +91,17 @@ test("states over several frames are told as events, with what limits them", { s
 
 test("the focal length is solved, learned per camera, read from EXIF and from the track", { skip, timeout: 240_000 }, async (t) => {
   const { page } = await blank(t);
+  await page.route("**/unknown.landline", async (route) => route.fulfill({ contentType: "application/octet-stream", body: await sceneOfUnknownCamera() }));
   const seen = await page.evaluate(async () => {
     const { focalLength35mm, follow } = globalThis.landline;
-    const relocalizer = await globalThis.make();
+    const scene = "./unknown.landline";
+    const relocalizer = await globalThis.make({ scene });
     const learned = [];
     for (let i = 0; i < globalThis.sample.pictures.length; i++) {
       const { located, intrinsics } = await relocalizer.locate(await globalThis.picture(i), { camera: "back" });
       learned.push({ located, ...intrinsics });
     }
-    const later = await globalThis.make();
+    const later = await globalThis.make({ scene });
     await later.recallCamera("back", learned.at(-1).fx / 640);
     const { located, intrinsics } = await later.locate(await globalThis.picture(learned.findIndex((one) => one.located)), { camera: "back" });
     const recalled = { located, ...intrinsics, nonsense: await globalThis.failure(later.recallCamera("back", -1)) };
@@ -150,6 +152,53 @@ test("the focal length is solved, learned per camera, read from EXIF and from th
   assert.equal(seen.millimetres, 28);
   assert.ok(seen.exif.located && seen.exif.source === "exif" && off(seen.exif.fx) < 0.05, JSON.stringify(seen.exif));
   assert.ok(seen.track.located && seen.track.source === "track" && off(seen.track.fx) < 1e-9, JSON.stringify(seen.track));
+});
+
+test("a frame of the scene's own camera needs no intrinsics, another camera is found out, and why a picture has no place is said", { skip, timeout: 240_000 }, async (t) => {
+  const { page } = await blank(t);
+  const seen = await page.evaluate(async () => {
+    const { camera } = globalThis.sample;
+    const relocalizer = await globalThis.make();
+    const short = ({ located, reason, warning, turnClockwiseDeg, intrinsics }) => ({ located, reason, warning, turnClockwiseDeg, source: intrinsics.source, fx: intrinsics.fx });
+    /** The middle of a picture, enlarged and turned, as a file or as pixels. */
+    const changed = async (i, { zoom = 1, quarters = 0, scale = 1 }) => {
+      const bitmap = await createImageBitmap(await globalThis.picture(i));
+      const [w, h] = [camera.width * scale, camera.height * scale];
+      const canvas = new OffscreenCanvas(...(quarters % 2 ? [h, w] : [w, h]));
+      const context = canvas.getContext("2d");
+      context.translate(canvas.width / 2, canvas.height / 2);
+      context.rotate((quarters * Math.PI) / 2);
+      context.drawImage(bitmap, (-w * zoom) / 2, (-h * zoom) / 2, w * zoom, h * zoom);
+      return canvas;
+    };
+    const file = async (...what) => (await changed(...what)).convertToBlob({ type: "image/png" });
+    const own = [];
+    for (const scale of [1, 0.5]) own.push(short(await relocalizer.locate(await changed(0, { scale }))));
+    const zoomed = short(await relocalizer.locate(await changed(0, { zoom: 1.3 })));
+    const given = (fx) => ({ intrinsics: { ...camera, fx, fy: fx } });
+    const wrong = [];
+    for (const factor of [0.8, 1.25, 2.5]) wrong.push(short(await relocalizer.locate(await globalThis.picture(0), given(factor * camera.fx))));
+    const turned = [];
+    for (const quarters of [1, 2, 3]) turned.push(short(await relocalizer.locate(await file(0, { quarters }))));
+    const asked = short(await relocalizer.locate(await changed(0, { quarters: 1 }), { explain: true }));
+    // Pixels are not looked into, nor is a file as the frame of a moving camera.
+    const light = [short(await relocalizer.locate(await changed(0, { quarters: 1 }))), short(await relocalizer.locate(await file(0, { quarters: 1 }), { tracking: true }))];
+    await relocalizer.dispose();
+    return { own, zoomed, wrong, turned, asked, light, truth: camera.fx };
+  });
+  t.diagnostic(JSON.stringify(seen));
+  assert.ok(seen.own.every(({ located, source }) => located && source === "scene"));
+  assert.ok(Math.abs(seen.own[0].fx - seen.truth) < 1e-9 && Math.abs(2 * seen.own[1].fx - seen.truth) < 1e-9);
+  assert.ok(seen.zoomed.located && seen.zoomed.source === "estimated" && seen.zoomed.warning === undefined, "nobody gave intrinsics");
+  assert.ok(Math.abs(seen.zoomed.fx / (1.3 * seen.truth) - 1) < 0.03);
+  // The solved one is used, or it is refused as such; never is the given one believed.
+  for (const { located, reason, warning, fx } of seen.wrong) {
+    assert.equal(located ? warning : reason, "focal-mismatch");
+    if (located) assert.ok(Math.abs(fx / seen.truth - 1) < 0.05);
+  }
+  assert.deepEqual(seen.turned.map(({ reason, turnClockwiseDeg }) => [reason, turnClockwiseDeg]), [["turned", 270], ["turned", 180], ["turned", 90]]);
+  assert.deepEqual([seen.asked.reason, seen.asked.turnClockwiseDeg], ["turned", 270]);
+  assert.ok(seen.light.every(({ located, reason, turnClockwiseDeg }) => !located && reason !== "turned" && turnClockwiseDeg === undefined));
 });
 
 test("on the GPU a frame that waits is begun early, and gets the answer that it gets alone", { skip, timeout: 240_000 }, async (t) => {

@@ -155,6 +155,18 @@ export async function sampleFiles() {
   return { folder, camera, pictures: pictures.map(({ name, ...rest }) => ({ ...rest, name, path: join(folder, name) })) };
 }
 
+/** The sample scene as a file that does not say which camera took its pictures: the focal length has to be found. */
+export async function sceneOfUnknownCamera() {
+  const bytes = await readFile(join(site(), "scenes/sample/sample.landline"));
+  const end = 8 + Number(bytes.readBigUInt64LE(0));
+  const header = JSON.parse(bytes.subarray(8, end).toString());
+  delete header.__metadata__.camera;
+  const text = Buffer.from(JSON.stringify(header));
+  const length = Buffer.alloc(8);
+  length.writeBigUInt64LE(BigInt(text.length));
+  return Buffer.concat([length, text, bytes.subarray(end)]);
+}
+
 /** Waits until the page shows a result for the n-th time or more. */
 export async function located(page, atLeast = 1) {
   await page.waitForFunction((n) => document.querySelectorAll('.thumb[data-result="located"]').length >= n, atLeast);

@@ -4,11 +4,13 @@ use crate::error::{Code, from_create, from_session, js_error};
 use crate::frame::{camera_from, pixel_format, pose_from};
 use crate::gpu;
 use crate::performance_now;
-use crate::result::encode;
+use crate::result::{encode, encode_reason};
 use landline::geometry::{CamFromWorld, Camera};
 use landline::image::FrameView;
 use landline::pose::Gravity;
-use landline::relocalizer::{Begun, CameraSource, CreateError, LiveOptions, Observed, Relocalizer};
+use landline::relocalizer::{
+    Begun, CameraSource, CreateError, LiveOptions, Observed, Outcome, Relocalizer,
+};
 use landline::scene_file::{ExtractorFile, MAX_WORKING_SIDE, SceneFile, TensorFile, Units};
 use landline::session::{Session, SessionQuery, Smoothing};
 use nalgebra::Vector3;
@@ -296,11 +298,12 @@ impl RawRelocalizer {
         Ok(())
     }
 
-    /// Third step: the pose, as numbers at [`Self::result_address`].
+    /// Third step: the pose, as numbers at [`Self::result_address`]. With `explain` a frame that is not located, and after which no
+    /// other was begun, is tried with another focal length and turned by quarters, for a better reason.
     ///
     /// # Errors
     /// A JavaScript `Error` with a `code`.
-    pub fn solve(&mut self, include: u32) -> Result<(), JsValue> {
+    pub fn solve(&mut self, include: u32, explain: bool) -> Result<(), JsValue> {
         let (observed, query) = self
             .observed
             .take()
@@ -315,6 +318,13 @@ impl RawRelocalizer {
             include,
             &mut self.result,
         );
+        if let (true, Outcome::NotLocated(reason)) = (explain, report.frame.outcome) {
+            let reason = self
+                .session
+                .explain(&query.borrow(), reason)
+                .map_err(|e| from_session(&e))?;
+            encode_reason(reason, &mut self.result);
+        }
         Ok(())
     }
 

@@ -14,15 +14,16 @@
 //! | 90 | milliseconds: preprocess, features, lines, regress, solve, total |
 //! | 96 | code of the backend |
 //! | 97 | numbers of points, lines and segments that follow |
-//! | 100 | points: pixel, world, confidence, inlier (7 each); lines: ends in pixels, ends in the world, confidence, inlier (12 each); segments: ends (4 each) |
+//! | 100 | 1 when the frame contradicts the intrinsics that came with it; degrees clockwise of the reason `turned` |
+//! | 102 | points: pixel, world, confidence, inlier (7 each); lines: ends in pixels, ends in the world, confidence, inlier (12 each); segments: ends (4 each) |
 
 use landline::geometry::CamFromWorld;
 use landline::relocalizer::{CameraSource, NotLocated, Outcome, Relocalizer};
 use landline::session::{LimitedReason, SessionReport, SessionState};
 
 /// Must equal `layoutVersion` in `web/ts/decode.ts`.
-const LAYOUT_VERSION: f64 = 1.0;
-const HEADER: usize = 100;
+const LAYOUT_VERSION: f64 = 2.0;
+const HEADER: usize = 102;
 
 /// Bits of what to include.
 pub(crate) const POINTS: u32 = 1;
@@ -97,6 +98,7 @@ pub(crate) fn encode(
         t.total_ms,
     ];
     put(90, &timings);
+    put(100, &[f64::from(u8::from(report.has_focal_mismatch))]);
     put(96, &[f64::from(u8::from(report.on_gpu))]);
     if include & POINTS != 0 {
         put(97, &[n.num_point_correspondences as f64]);
@@ -129,6 +131,19 @@ pub(crate) fn encode(
     }
 }
 
+/// Writes a reason that was found out later over that of [`encode`].
+pub(crate) fn encode_reason(reason: NotLocated, out: &mut [f64]) {
+    let clockwise_deg = match reason {
+        NotLocated::Turned { clockwise_deg } => f64::from(clockwise_deg),
+        _ => 0.0,
+    };
+    for (at, value) in [(2, reason_code(reason)), (101, clockwise_deg)] {
+        if let Some(room) = out.get_mut(at) {
+            *room = value;
+        }
+    }
+}
+
 fn reason_code(reason: NotLocated) -> f64 {
     match reason {
         NotLocated::FewFeatures => 0.0,
@@ -139,6 +154,8 @@ fn reason_code(reason: NotLocated) -> f64 {
         NotLocated::Timeout => 5.0,
         NotLocated::OtherPlace => 6.0,
         NotLocated::Mirrored => 7.0,
+        NotLocated::FocalMismatch => 8.0,
+        NotLocated::Turned { .. } => 9.0,
     }
 }
 

@@ -70,6 +70,7 @@ const locate: Record<keyof LocateOptions, Check> = {
   tracking: kind("boolean"),
   prior: object,
   gravity: object,
+  explain: kind("boolean"),
   transfer: kind("boolean"),
   signal: object,
 };

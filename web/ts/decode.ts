@@ -4,10 +4,10 @@ import { placementFrom } from "./placement.js";
 import type { Backend, Build, Include, IntrinsicsSource, LimitedReason, LocateResult, NotLocatedReason, ResultCommon, TrackingState, Units } from "./types.js";
 
 /** Must equal `LAYOUT_VERSION` in web/src/result.rs. */
-const layoutVersion = 1;
-const headerLength = 100;
+const layoutVersion = 2;
+const headerLength = 102;
 
-const reasons: readonly NotLocatedReason[] = ["few-features", "few-correspondences", "few-inliers", "degenerate", "ambiguous", "timeout", "other-place", "mirrored"];
+const reasons: readonly NotLocatedReason[] = ["few-features", "few-correspondences", "few-inliers", "degenerate", "ambiguous", "timeout", "other-place", "mirrored", "focal-mismatch", "turned"];
 const states: readonly TrackingState[] = ["searching", "tracking", "limited"];
 const limits: readonly LimitedReason[] = ["lost", "jump", "focal-uncertain"];
 const sources: readonly IntrinsicsSource[] = ["given", "track", "exif", "remembered", "estimated", "assumed", "scene"];
@@ -106,7 +106,11 @@ export function decodeResult(n: Float64Array, context: Context): LocateResult {
     result.lines = lines;
   }
   if (context.include.includes("segments")) result.segments = Float32Array.from(n.subarray(from, from + 4 * numSegments));
-  if (!located) return { ...result, located, reason: named(reasons, at(2), "reason") };
+  if (!located) {
+    const reason = named(reasons, at(2), "reason");
+    return { ...result, located, reason, ...(reason === "turned" ? { turnClockwiseDeg: at(101) as 90 | 180 | 270 } : {}) };
+  }
   const unsmoothed = Number.isNaN(at(21)) ? {} : { unsmoothed: placementFrom(n.slice(21, 37)) };
-  return { ...result, located, placement: placementFrom(n.slice(5, 21)), ...unsmoothed };
+  const warning = at(100) === 1 ? { warning: "focal-mismatch" as const } : {};
+  return { ...result, located, placement: placementFrom(n.slice(5, 21)), ...unsmoothed, ...warning };
 }

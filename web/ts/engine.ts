@@ -69,9 +69,10 @@ export class Engine {
     const raw = this.#alive();
     try {
       await raw.observe();
-      const following = raw.backend() === "webgpu" ? next() : undefined;
+      // What is looked into later must still be the last frame.
+      const following = raw.backend() === "webgpu" && !request.explain ? next() : undefined;
       if (following) this.#begun = await this.#begin(following);
-      raw.solve(includeBits(request.include));
+      raw.solve(includeBits(request.include), request.explain);
       const numbers = new Float64Array(this.#memory.buffer, raw.resultAddress(), raw.resultLength());
       const { transferMs } = begun;
       return decodeResult(numbers, { timestampMs: request.timestampMs, transferMs, include: request.include, backendReason: raw.backendReason(), ...this.#build, units: this.#units });

@@ -10,6 +10,8 @@ const maxPixels = 64 * 1024 * 1024;
 export interface PreparedFrame {
   frame: WireFrame;
   transfer: Transferable[];
+  /** Present where it came as a file, so alone. */
+  isFile?: true;
   /** From the picture's own EXIF block. */
   exif?: Intrinsics;
 }
@@ -70,7 +72,7 @@ export async function prepareFrame(source: FrameSource, transfer: boolean, toThr
   if (is<Blob>(source, "Blob")) {
     const bitmap = await bitmapOf(source);
     checkSize(bitmap.width, bitmap.height);
-    const prepared: PreparedFrame = { frame: bitmap, transfer: [bitmap] };
+    const prepared: PreparedFrame = { frame: bitmap, transfer: [bitmap], isFile: true };
     const focal = focalLength35mm(new Uint8Array(await source.slice(0, exifBytes).arrayBuffer()));
     if (focal !== null) {
       const { width, height } = bitmap;

@@ -24,6 +24,7 @@ export interface LocateRequest {
   include: readonly Include[];
   camera: string;
   tracking: boolean;
+  explain: boolean;
   /** Empty, or a direction in the camera and its standard deviation. */
   gravity: readonly number[];
   /** Empty, or `cameraFromWorld`. */

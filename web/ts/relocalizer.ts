@@ -156,6 +156,7 @@ export class Relocalizer extends EventTarget {
             include: options.include ?? [],
             camera: options.camera ?? "",
             tracking: options.tracking ?? false,
+            explain: options.explain ?? (prepared.isFile === true && !options.tracking),
             gravity: gravityOf(options.gravity),
             prior: cameraFromWorldOf(options.prior, "prior"),
             calledAt,

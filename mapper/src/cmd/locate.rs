@@ -141,41 +141,12 @@ impl core::fmt::Display for Apart {
     }
 }
 
-/// What ran the networks of a picture, why not a GPU that was given, how far the answer is from the CPU's, and by how many degrees
-/// clockwise a picture that was not located has to be turned to be.
+/// What ran the networks of a picture, why not a GPU that was given, how far the answer is from the CPU's, and why there is none.
 struct Told {
     name: &'static str,
     why: Option<String>,
     apart: Option<Apart>,
-    turn_deg: Option<u32>,
-}
-
-/// A turned picture explains a failure when its answer is so sure.
-const TURNED_CONFIDENCE: f64 = 0.8;
-
-/// By how many degrees clockwise a picture has to be turned to be located, `None` where no quarter turns help. Descriptors do not
-/// see through turns: what lies on its side looks like another place.
-fn turn_that_locates(
-    relocalizer: &mut Relocalizer,
-    rgb: &image::RgbImage,
-    given: Option<Camera>,
-) -> Option<u32> {
-    let (mut rgb, mut given) = (rgb.clone(), given);
-    for turn_deg in [90, 180, 270] {
-        rgb = image::imageops::rotate90(&rgb);
-        given = given.map(|camera| camera.turned_clockwise().0);
-        let (width, height) = rgb.dimensions();
-        let query = Query {
-            camera: given,
-            ..Query::default()
-        };
-        let frame = FrameView::tight(rgb.as_raw(), width, height, PixelFormat::Rgb8);
-        let report = relocalizer.locate(&frame, &query, &mut || 0.0).ok()?;
-        if (report.outcome.located()).is_some_and(|l| l.confidence > TURNED_CONFIDENCE) {
-            return Some(turn_deg);
-        }
-    }
-    None
+    reason: Option<NotLocated>,
 }
 
 fn locate(both: &mut Both, path: &Path, given: Option<Camera>, args: &Args) -> Result<()> {
@@ -195,7 +166,7 @@ fn locate(both: &mut Both, path: &Path, given: Option<Camera>, args: &Args) -> R
         name: if report.on_gpu { "gpu" } else { "cpu" },
         why: relocalizer.gpu_failure().map(str::to_owned),
         apart: None,
-        turn_deg: None,
+        reason: None,
     };
     if let Some(on_cpu) = &mut both.on_cpu {
         let expected = on_cpu
@@ -205,16 +176,14 @@ fn locate(both: &mut Both, path: &Path, given: Option<Camera>, args: &Args) -> R
         both.worst = both.worst.max(apart);
         told.apart = Some(apart);
     }
-    // Before the picture is turned: it shows what was found in it as it is.
+    // Before other things are tried: it shows what was found in it as it is.
     let drawn = args
         .overlay
         .as_ref()
         .map(|_| overlay(&rgb, relocalizer, &report));
-    if !matches!(
-        report.outcome,
-        Outcome::Located(_) | Outcome::NotLocated(NotLocated::FewFeatures)
-    ) {
-        told.turn_deg = turn_that_locates(relocalizer, &rgb, given);
+    if let Outcome::NotLocated(reason) = report.outcome {
+        let found_out = relocalizer.explain(&query, reason).with_context(refused)?;
+        told.reason = Some(found_out);
     }
     if args.json {
         println!("{}", to_json(path, &report, &told));
@@ -265,7 +234,7 @@ fn print_report(path: &Path, report: &Report, told: &Told) {
         }
         Outcome::NotLocated(reason) => println!(
             "  not located: {} ({} keypoints, {} segments, {} + {} correspondences)",
-            reason_text(*reason, told.turn_deg),
+            told.reason.unwrap_or(*reason).message(),
             c.num_keypoints,
             c.num_segments,
             c.num_point_correspondences,
@@ -277,6 +246,11 @@ fn print_report(path: &Path, report: &Report, told: &Told) {
         report.camera.focal_px().0,
         report.camera_source
     );
+    if report.has_focal_mismatch {
+        println!(
+            "  focal mismatch: the given intrinsics contradict what is seen; these are solved ones"
+        );
+    }
     println!("  time       {:.1} ms", report.timings.total_ms);
     match &told.why {
         Some(why) => println!("  networks   {} ({why})", told.name),
@@ -284,15 +258,6 @@ fn print_report(path: &Path, report: &Report, told: &Told) {
     }
     if let Some(apart) = told.apart {
         println!("  from CPU   {apart}");
-    }
-}
-
-fn reason_text(reason: NotLocated, turn_deg: Option<u32>) -> String {
-    match turn_deg {
-        Some(deg) => format!(
-            "turned: it is located once it is turned by {deg} degrees clockwise; turn the picture, or keep its EXIF orientation"
-        ),
-        None => reason.message().to_owned(),
     }
 }
 
@@ -318,7 +283,7 @@ fn to_json(path: &Path, report: &Report, told: &Told) -> serde_json::Value {
         ),
         Outcome::NotLocated(reason) => (
             json!(null),
-            json!(reason_text(*reason, told.turn_deg)),
+            json!(told.reason.unwrap_or(*reason).message()),
             json!(null),
         ),
     };
@@ -333,7 +298,11 @@ fn to_json(path: &Path, report: &Report, told: &Told) -> serde_json::Value {
             "points": [f.found_points, f.visible_points],
             "lines": [f.found_lines, f.visible_lines],
         })),
-        "turn_clockwise_deg": told.turn_deg,
+        "turn_clockwise_deg": match told.reason {
+            Some(NotLocated::Turned { clockwise_deg }) => Some(clockwise_deg),
+            _ => None,
+        },
+        "focal_mismatch": report.has_focal_mismatch || told.reason == Some(NotLocated::FocalMismatch),
         "focal_px": report.camera.focal_px().0,
         "camera_source": format!("{:?}", report.camera_source).to_lowercase(),
         "total_ms": report.timings.total_ms,

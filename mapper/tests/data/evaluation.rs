@@ -215,6 +215,33 @@ fn a_turned_picture_is_called_so() {
     assert_eq!(found["pose"], Value::Null, "{found}");
 }
 
+/// Without intrinsics a picture of the scene's shape is of the scene's camera; given ones that it contradicts are not believed.
+#[test]
+fn the_camera_of_a_picture_is_the_scenes_own_unless_the_picture_says_otherwise() {
+    let path = |p: &Path| p.to_str().expect("UTF-8").to_owned();
+    let scene = path(&sample().join("sample.landline"));
+    let picture = path(&sample().join("query-00.jpg"));
+    let locate = |camera: &[&str]| -> Option<Value> {
+        let output = landline(&[&["locate", &scene, &picture, "--json"], camera].concat())?;
+        Some(serde_json::from_slice(&output.stdout).expect("one line of JSON"))
+    };
+    let Some(own) = locate(&[]) else {
+        return;
+    };
+    assert_eq!(own["camera_source"], "scene", "{own}");
+    assert_eq!(own["focal_mismatch"], false, "{own}");
+    let focal_px = own["focal_px"].as_f64().expect("a number");
+    for factor in [0.8, 1.25] {
+        let camera = format!("SIMPLE_PINHOLE,640,480,{},320,240", factor * focal_px);
+        let found = locate(&["--camera", &camera]).expect("was there before");
+        assert_eq!(found["focal_mismatch"], true, "{factor}: {found}");
+        if found["pose"] != Value::Null {
+            let solved = found["focal_px"].as_f64().expect("a number");
+            assert!((solved / focal_px - 1.0).abs() < 0.05, "{factor}: {found}");
+        }
+    }
+}
+
 /// A video that was drawn into a frame of another shape: nobody knows the intrinsics, and they are not those of a camera.
 #[test]
 fn a_squeezed_picture_is_located_and_says_that_its_camera_is_a_guess() {

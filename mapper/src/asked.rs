@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use landline::geometry::Camera;
 use landline::image::{FrameView, PixelFormat};
 use landline::place::{Place, PlaceOptions, PlaceReport};
-use landline::relocalizer::{Outcome, Query, Relocalizer};
+use landline::relocalizer::{Outcome, Relocalizer};
 use landline::scene_file::ExtractorFile;
 use landline::session::SessionQuery;
 use std::fmt::Write as _;
@@ -78,7 +78,7 @@ impl Asking {
         room.map_or("", |r| r.id.as_str())
     }
 
-    /// Locates a picture, with all the scenes that it wants; without a camera each room tries its own. A room whose scene is not as it should be is told and left out.
+    /// Locates a picture, with all the scenes that it wants. A room whose scene is not as it should be is told and left out.
     fn locate(&mut self, rgb: &image::RgbImage, camera: Option<Camera>) -> Result<PlaceReport> {
         let frame = FrameView::tight(rgb.as_raw(), rgb.width(), rgb.height(), PixelFormat::Rgb8);
         let query = SessionQuery {
@@ -192,6 +192,7 @@ impl Asking {
         pictures: &[PathBuf],
     ) -> Result<Tally> {
         let scene = self.files.scene(truth)?;
+        let camera = scene.info.camera;
         let mut alone = Relocalizer::new(scene, self.extractor.clone(), |_| ())?;
         let mut tally = Tally::default();
         let mut ranking = Vec::new();
@@ -199,7 +200,7 @@ impl Asking {
             let rgb = picture::read(path)?.into_rgb8();
             self.place.leave();
             let start = Instant::now();
-            let report = self.locate(&rgb, None)?;
+            let report = self.locate(&rgb, camera)?;
             tally.first_ms.push(start.elapsed().as_secs_f64() * 1e3);
             let start = Instant::now();
             let features = self.place.session().relocalizer().features();
@@ -219,12 +220,16 @@ impl Asking {
                 continue;
             }
             let start = Instant::now();
-            self.locate(&rgb, None)?;
+            self.locate(&rgb, camera)?;
             tally.next_ms.push(start.elapsed().as_secs_f64() * 1e3);
             let frame =
                 FrameView::tight(rgb.as_raw(), rgb.width(), rgb.height(), PixelFormat::Rgb8);
+            let query = landline::relocalizer::Query {
+                camera: camera.and_then(|c| c.for_size(rgb.width(), rgb.height())),
+                ..Default::default()
+            };
             let start = Instant::now();
-            alone.locate(&frame, &Query::default(), &mut || 0.0)?;
+            alone.locate(&frame, &query, &mut || 0.0)?;
             tally.alone_ms.push(start.elapsed().as_secs_f64() * 1e3);
         }
         Ok(tally)

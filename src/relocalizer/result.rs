@@ -97,7 +97,8 @@ pub struct Localization {
     /// Median reprojection error of the inliers, pixels of the frame.
     pub median_error_px: f64,
     /// 0..1: how probably the pose is right (within 25 cm), from the evidence above chance and, where the scene has landmarks, from
-    /// how many of those that the pose shows were found again. At most 0.89 where the camera is known from this frame alone.
+    /// how many of those that the pose shows were found again. At most 0.89 where nobody told the camera:
+    /// it is known from this frame alone, or taken to be the scene's.
     pub confidence: f64,
 }
 

@@ -174,12 +174,12 @@ test("a frame of the scene's own camera needs no intrinsics, another camera is f
     const file = async (...what) => (await changed(...what)).convertToBlob({ type: "image/png" });
     const own = [];
     for (const scale of [1, 0.5]) own.push(short(await relocalizer.locate(await changed(0, { scale }))));
-    const zoomed = short(await relocalizer.locate(await changed(0, { zoom: 1.3 })));
+    const zoomed = short(await relocalizer.locate(await changed(4, { zoom: 1.3 })));
     const given = (fx) => ({ intrinsics: { ...camera, fx, fy: fx } });
     const wrong = [];
-    for (const factor of [0.8, 1.25, 2.5]) wrong.push(short(await relocalizer.locate(await globalThis.picture(0), given(factor * camera.fx))));
+    for (const factor of [0.8, 1.25, 2.5]) wrong.push(short(await relocalizer.locate(await globalThis.picture(4), given(factor * camera.fx))));
     const turned = [];
-    for (const quarters of [1, 2, 3]) turned.push(short(await relocalizer.locate(await file(0, { quarters }))));
+    for (const quarters of [1, 3]) turned.push(short(await relocalizer.locate(await file(0, { quarters }))));
     const asked = short(await relocalizer.locate(await changed(0, { quarters: 1 }), { explain: true }));
     // Pixels are not looked into, nor is a file as the frame of a moving camera.
     const light = [short(await relocalizer.locate(await changed(0, { quarters: 1 }))), short(await relocalizer.locate(await file(0, { quarters: 1 }), { tracking: true }))];
@@ -191,12 +191,8 @@ test("a frame of the scene's own camera needs no intrinsics, another camera is f
   assert.ok(Math.abs(seen.own[0].fx - seen.truth) < 1e-9 && Math.abs(2 * seen.own[1].fx - seen.truth) < 1e-9);
   assert.ok(seen.zoomed.located && seen.zoomed.source === "estimated" && seen.zoomed.warning === undefined, "nobody gave intrinsics");
   assert.ok(Math.abs(seen.zoomed.fx / (1.3 * seen.truth) - 1) < 0.03);
-  // The solved one is used, or it is refused as such; never is the given one believed.
-  for (const { located, reason, warning, fx } of seen.wrong) {
-    assert.equal(located ? warning : reason, "focal-mismatch");
-    if (located) assert.ok(Math.abs(fx / seen.truth - 1) < 0.05);
-  }
-  assert.deepEqual(seen.turned.map(({ reason, turnClockwiseDeg }) => [reason, turnClockwiseDeg]), [["turned", 270], ["turned", 180], ["turned", 90]]);
+  for (const { located, warning, fx } of seen.wrong) assert.ok(located && warning === "focal-mismatch" && Math.abs(fx / seen.truth - 1) < 0.02);
+  assert.deepEqual(seen.turned.map(({ reason, turnClockwiseDeg }) => [reason, turnClockwiseDeg]), [["turned", 270], ["turned", 90]]);
   assert.deepEqual([seen.asked.reason, seen.asked.turnClockwiseDeg], ["turned", 270]);
   assert.ok(seen.light.every(({ located, reason, turnClockwiseDeg }) => !located && reason !== "turned" && turnClockwiseDeg === undefined));
 });

@@ -177,7 +177,7 @@ test("a frame of the scene's own camera needs no intrinsics, another camera is f
     const zoomed = short(await relocalizer.locate(await changed(4, { zoom: 1.3 })));
     const given = (fx) => ({ intrinsics: { ...camera, fx, fy: fx } });
     const wrong = [];
-    for (const factor of [0.8, 1.25, 2.5]) wrong.push(short(await relocalizer.locate(await globalThis.picture(4), given(factor * camera.fx))));
+    for (const factor of [0.8, 1.25]) wrong.push(short(await relocalizer.locate(await globalThis.picture(4), given(factor * camera.fx))));
     const turned = [];
     for (const quarters of [1, 3]) turned.push(short(await relocalizer.locate(await file(0, { quarters }))));
     const asked = short(await relocalizer.locate(await changed(0, { quarters: 1 }), { explain: true }));

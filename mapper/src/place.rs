@@ -2,6 +2,7 @@
 
 use crate::files;
 use crate::import::sha256_hex;
+use crate::reveals::{outline, revealed};
 use anyhow::{Context, Result, bail, ensure};
 use landline::place::{FileRef, PlaceIndex, PlaceManifest, RoomEntry};
 use landline::scene_file::SceneFile;
@@ -246,7 +247,16 @@ impl PlaceFiles {
 
 fn entry(room: &Named, known: Option<&RoomEntry>) -> RoomEntry {
     let known = known.cloned();
+    // One that was drawn by hand is right as long as the world is the same.
+    let same = known
+        .as_ref()
+        .filter(|k| k.scene.sha256 == room.file.sha256);
+    let drawn = same.map(|k| k.outline.clone()).filter(|o| !o.is_empty());
     RoomEntry {
+        outline: drawn.unwrap_or_else(|| {
+            let corners = outline(&revealed(&room.scene).map, room.scene.info.gravity);
+            corners.iter().map(|corner| (*corner).into()).collect()
+        }),
         id: room.id.clone(),
         name: known.as_ref().and_then(|k| k.name.clone()),
         scene: room.file.clone(),

@@ -95,6 +95,62 @@ fn axes(map: &Map, gravity: Option<Vector3<f64>>) -> Matrix3<f64> {
     Matrix3::from_columns(&[along, up.cross(&along), up])
 }
 
+/// Directions in which a floor plan's farthest points are looked for: so many corners it has at most.
+const CORNERS: usize = 16;
+/// One point in so many may lie outside of a floor plan on each side: wrong ones, and what is seen through doors.
+const OUTSIDE: usize = 50;
+
+/// Corners of the floor plan, counter-clockwise seen from above, on the height of most points: what holds nearly all points.
+/// Empty where there are too few. Without gravity above is where y shrinks, as in a world that begins with a camera.
+pub fn outline(map: &Map, gravity: Option<Vector3<f64>>) -> Vec<Vector3<f64>> {
+    let axes = axes(map, gravity);
+    let axes = match gravity {
+        None if axes.column(2).y > 0.0 => Matrix3::from_columns(&[
+            axes.column(0).into_owned(),
+            -axes.column(1),
+            -axes.column(2),
+        ]),
+        _ => axes,
+    };
+    let flat: Vec<Vector3<f64>> = all_points(map).map(|p| axes.transpose() * p).collect();
+    if flat.len() < OUTSIDE {
+        return Vec::new();
+    }
+    let middle = |mut values: Vec<f64>| {
+        let half = values.len() / 2;
+        *values.select_nth_unstable_by(half, f64::total_cmp).1
+    };
+    let height = middle(flat.iter().map(|p| p.z).collect());
+    let directions: Vec<(f64, f64)> = (0..CORNERS)
+        .map(|k| (core::f64::consts::TAU * k as f64 / CORNERS as f64).sin_cos())
+        .collect();
+    let along = |p: &Vector3<f64>, (sin, cos): (f64, f64)| cos * p.x + sin * p.y;
+    let limits: Vec<f64> = directions
+        .iter()
+        .map(|direction| {
+            let mut far: Vec<f64> = flat.iter().map(|p| along(p, *direction)).collect();
+            let at = far.len() - 1 - far.len() / OUTSIDE;
+            *far.select_nth_unstable_by(at, f64::total_cmp).1
+        })
+        .collect();
+    let is_inside = |p: &&Vector3<f64>| {
+        let mut sides = directions.iter().zip(&limits);
+        sides.all(|(direction, limit)| along(p, *direction) <= *limit)
+    };
+    let kept: Vec<&Vector3<f64>> = flat.iter().filter(is_inside).collect();
+    let mut corners: Vec<Vector3<f64>> = Vec::with_capacity(CORNERS);
+    for direction in &directions {
+        let far = |p: &&&Vector3<f64>| along(p, *direction);
+        let farthest = kept.iter().max_by(|a, b| far(a).total_cmp(&far(b)));
+        let corner = farthest.map(|p| axes * Vector3::new(p.x, p.y, height));
+        corners.extend(corner.filter(|c| !corners.contains(c)));
+    }
+    if corners.len() < 3 {
+        corners.clear();
+    }
+    corners
+}
+
 /// What the file tells, a line each.
 pub fn words(scene: &SceneFile, revealed: &Revealed) -> Vec<String> {
     let info = &scene.info;
@@ -250,6 +306,34 @@ mod tests {
         assert_eq!(svg.matches("<circle").count(), 2 * 1000);
         assert_eq!(svg.matches("<line").count(), 2);
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
+    }
+
+    #[test]
+    fn a_floor_plan_goes_round_the_room_counter_clockwise_and_leaves_strays_out() {
+        // Four by three, seen from +z, which is up; and one point far away.
+        let mut map = Map::default();
+        for i in 0..400 {
+            let part = |k: i32| f64::from(i / k % 20) / 19.0;
+            map.points
+                .push(Vector3::new(4.0 * part(1), 3.0 * part(20), 1.5));
+        }
+        map.points.push(Vector3::new(100.0, 50.0, 1.0));
+        let down = Vector3::new(0.0, 0.0, -1.0);
+        let corners = outline(&map, Some(down));
+        assert!((4..=CORNERS).contains(&corners.len()), "{corners:?}");
+        let next = corners.iter().cycle().skip(1);
+        let area: f64 = corners
+            .iter()
+            .zip(next)
+            .map(|(a, b)| 0.5 * (a.x * b.y - a.y * b.x))
+            .sum();
+        assert!((10.0..=12.0).contains(&area), "{area}");
+        assert!(corners.iter().all(|c| (c.z - 1.5).abs() < 1e-9));
+        // From the other side it goes round the other way.
+        let below = outline(&map, Some(-down));
+        let turn = (below[1] - below[0]).cross(&(below[2] - below[1]));
+        assert!(turn.z < 0.0, "{below:?}");
+        assert!(outline(&Map::default(), None).is_empty());
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use super::{PlaceError, PlaceIndex, PlaceManifest, RoomScore};
 use crate::geometry::CamFromWorld;
 use crate::image::FrameView;
+use crate::pose::Gravity;
 use crate::relocalizer::{
     LoadedScene, NotLocated, Observed, Outcome, Query, Relocalizer, RelocalizerOptions, Report,
 };
@@ -263,7 +264,8 @@ impl Place {
         Ok(())
     }
 
-    /// Locates one frame in the rooms that are at hand. `clock` tells milliseconds.
+    /// Locates one frame in the rooms that are at hand. `clock` tells milliseconds. Of the query's gravity only the camera's side
+    /// counts: each scene knows its own world's.
     ///
     /// # Errors
     /// [`PlaceError::Session`] for a frame, camera or time that makes no sense.
@@ -466,7 +468,17 @@ impl Place {
     ) -> Result<Report, PlaceError> {
         self.take_up(room)?;
         let relocalizer = self.session.relocalizer_mut();
-        let report = relocalizer.solve(observed.clone(), query, clock);
+        // Which way gravity points in a room's world is known to its scene, where it is known.
+        let down = relocalizer.scene_info().gravity;
+        let gravity = query.gravity.zip(down);
+        let query = Query {
+            gravity: gravity.map(|(gravity, in_world)| Gravity {
+                in_world,
+                ..gravity
+            }),
+            ..*query
+        };
+        let report = relocalizer.solve(observed.clone(), &query, clock);
         Ok(report.map_err(SessionError::from)?)
     }
 

@@ -13,6 +13,8 @@ pub const PLACE_VERSION: u32 = 1;
 pub(super) const MAX_ROOMS: usize = 4096;
 /// Longest name of a room, in bytes.
 const MAX_ID: usize = 200;
+/// Most corners of a room's outline.
+const MAX_CORNERS: usize = 256;
 /// How far a rotation's quaternion may be from unit length.
 const UNIT_TOLERANCE: f64 = 1e-3;
 
@@ -129,6 +131,9 @@ pub struct RoomEntry {
     /// Rooms that one can walk to. That A is beside B and B beside A is as usual.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub neighbours: Vec<String>,
+    /// Corners of its floor plan in the room's world, counter-clockwise seen from above: what pages draw.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub outline: Vec<[f64; 3]>,
 }
 
 /// The manifest. Keys that this version does not know are ignored.
@@ -298,6 +303,7 @@ impl PlaceManifest {
             if let Some(placed) = &room.place_from_room {
                 placed.check(&room.id)?;
             }
+            check_outline(room)?;
             for neighbour in &room.neighbours {
                 if *neighbour == room.id {
                     return Err(PlaceError::OwnNeighbour {
@@ -314,6 +320,19 @@ impl PlaceManifest {
         }
         Ok(())
     }
+}
+
+fn check_outline(room: &RoomEntry) -> Result<(), PlaceError> {
+    let is_far = |corner: &[f64; 3]| !corner.iter().all(|v| v.abs() < 1e12);
+    let reason = match room.outline.len() {
+        1 | 2 => "a floor plan has three corners and more",
+        len if len > MAX_CORNERS => "a floor plan has at most 256 corners",
+        _ if room.outline.iter().any(is_far) => "its corners must be finite",
+        _ => return Ok(()),
+    };
+    let what = format!("outline of {:?}", room.id);
+    let found = format!("{} corners", room.outline.len());
+    Err(PlaceError::value(what, found, reason))
 }
 
 #[cfg(test)]
@@ -333,6 +352,7 @@ pub(super) fn small() -> PlaceManifest {
             place_from_room: None,
             floor: Some(0),
             neighbours: vec![neighbour.to_owned()],
+            outline: vec![[0.0; 3], [4.0, 0.0, 0.0], [4.0, 3.0, 0.0]],
         });
     }
     place
@@ -374,7 +394,9 @@ mod tests {
             refused(&|p| p.rooms[0].neighbours.push("hall".to_owned())),
             PlaceError::OwnNeighbour { room } if room == "hall"
         ));
-        let values: [&dyn Fn(&mut PlaceManifest); 7] = [
+        let values: [&dyn Fn(&mut PlaceManifest); 9] = [
+            &|p| p.rooms[0].outline.truncate(2),
+            &|p| p.rooms[0].outline[1][2] = f64::INFINITY,
             &|p| p.rooms[0].id = String::new(),
             &|p| p.rooms[0].scene.url = String::new(),
             &|p| p.rooms[0].scene.sha256 = "AB".repeat(32),

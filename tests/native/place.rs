@@ -124,6 +124,7 @@ fn place(seeds: &[u64], options: PlaceOptions) -> (Place, Vec<SceneFile>) {
             }),
             floor: None,
             neighbours: ids.get(i + 1).cloned().into_iter().collect(),
+            outline: Vec::new(),
         });
     }
     let place = Place::new(manifest, index, extractor, options, |o| {

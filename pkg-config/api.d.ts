@@ -340,11 +340,19 @@ export interface Following extends Omit<EventTarget, "addEventListener" | "remov
     addEventListener<K extends keyof FollowEvents>(type: K, listener: (event: FollowEvents[K]) => void, options?: boolean | AddEventListenerOptions): void;
     removeEventListener<K extends keyof FollowEvents>(type: K, listener: (event: FollowEvents[K]) => void, options?: boolean | EventListenerOptions): void;
 }
+/** What gives the answers: a relocalizer, or a place of many rooms. */
+export interface Locator extends Pick<Relocalizer, "backend" | "follower"> {
+    locate(...call: Parameters<Relocalizer["locate"]>): Promise<LocateResult & {
+        room?: {
+            id: string;
+        };
+    }>;
+}
 /**
  * Gives a position for every frame of a playing video, tracked between the answers of the relocalizer; pauses while the page is
  * hidden. Tracking runs on this thread, so that the result comes in the very callback in which the frame is shown.
  */
-export declare function follow(relocalizer: Relocalizer, video: HTMLVideoElement, options?: FollowOptions): Following;
+export declare function follow(relocalizer: Locator, video: HTMLVideoElement, options?: FollowOptions): Following;
 export {};
 
 // ---- follower.d.ts
@@ -464,7 +472,7 @@ export { Relocalizer, packagedExtractorUrl, type StateEvent } from "./relocalize
 export { packagedWasmUrl } from "./builds.js";
 export { LandlineError, type LandlineErrorCode } from "./errors.js";
 export { camera, intrinsicsFromTrack, type Camera, type CameraOptions } from "./camera.js";
-export { follow, type FollowedAnswer, type FollowedFrame, type FollowEvents, type FollowOptions, type FollowResult, type Following } from "./follow.js";
+export { follow, type FollowedAnswer, type FollowedFrame, type FollowEvents, type FollowOptions, type FollowResult, type Following, type Locator } from "./follow.js";
 export { Follower, type AnswerUse, type Correction, type FollowLimit, type FollowState, type FollowerOptions, type FollowerResult, type LostFrame, type RgbaFrame, type TrackLoss, type TrackedFrame, type Turn } from "./follower.js";
 export { motionSensors, type MotionSensors } from "./sensors.js";
 export { drawInView, fromView, intrinsicsInView, project, projectionMatrix, toView, viewMap, type Fit, type View, type ViewMap } from "./view.js";
@@ -696,6 +704,156 @@ export interface MapperEvents {
 }
 
 // ---- mapper/worker.d.ts
+
+export {};
+
+// ---- place/index.d.ts
+
+/** landline/place: one place of many rooms from static files, on the device. */
+export { Place, type PlaceEvents } from "./place.js";
+export type * from "./types.js";
+
+// ---- place/place.d.ts
+
+import { LandlineError } from "../errors.js";
+import { Follower, type FollowerOptions } from "../follower.js";
+import type { Backend, Build, FrameSource, LiveOptions } from "../types.js";
+import type { PlaceLocateOptions, PlaceManifest, PlaceMemory, PlaceOptions, PlaceResult, PlaceRoom } from "./types.js";
+/** What listeners get. */
+export interface PlaceEvents {
+    /** The camera has come into another room; before the `result` that says so. */
+    room: CustomEvent<{
+        room: PlaceRoom;
+        result: PlaceResult;
+    }>;
+    /** Every frame. */
+    result: CustomEvent<PlaceResult>;
+    /** A room whose scene could not be loaded or used. The others go on. */
+    refused: CustomEvent<{
+        room: PlaceRoom;
+        error: LandlineError;
+    }>;
+}
+/**
+ * Finds the camera in a place of many rooms. Scenes are loaded as they are needed, checked against the manifest, and kept.
+ *
+ * Raises `room` when the camera has come into another room, `result` for every frame, and `refused` for a room whose scene
+ * could not be had.
+ */
+export declare class Place extends EventTarget {
+    #private;
+    readonly manifest: PlaceManifest;
+    /** The build of the engine. */
+    readonly build: Build;
+    /** Why this one. */
+    readonly buildReason: string;
+    readonly backend: Backend;
+    /** Why not something faster. */
+    readonly backendReason = "places run on the CPU";
+    private constructor();
+    /** Loads the engine, the extractor, the manifest and its index, and no scene yet. */
+    static create(options: PlaceOptions): Promise<Place>;
+    /** The room that the camera was in last. */
+    get room(): PlaceRoom | undefined;
+    /** True while no frame is under way: the moment to hand in the newest one. */
+    get idle(): boolean;
+    /**
+     * Finds the camera of one frame, in whatever room; scenes that are needed for that are loaded first. Frames are answered in
+     * the order of the calls.
+     */
+    locate(source: FrameSource, options?: PlaceLocateOptions): Promise<PlaceResult>;
+    /** Loads a room's scene before it is needed, by its id; false when it cannot be had, which `refused` tells. */
+    load(room: string): Promise<boolean>;
+    /** Follows one camera on the caller's thread, with the engine that was loaded already; `follow` asks for it. */
+    follower(options?: FollowerOptions): Promise<Follower>;
+    /** Changes options; those left out stay. */
+    setOptions(options: LiveOptions): Promise<void>;
+    /** Takes over the focal length that an earlier session learned of a camera, as `Relocalizer.recallCamera` does. */
+    recallCamera(camera: string, focalPerWidth: number): Promise<void>;
+    /** Calls a listener with what an event tells; the answer takes it away again. */
+    on<K extends keyof PlaceEvents>(type: K, listener: (detail: PlaceEvents[K]["detail"]) => void): () => void;
+    /** Forgets which room the camera is in: the next frame is located from nothing. Scenes at hand stay. */
+    reset(): Promise<void>;
+    /** Bytes that the engine holds, and how many of them are scenes. */
+    memory(): Promise<PlaceMemory>;
+    /** Ends the worker and frees everything. Frames under way reject with `disposed`. Calling it twice is fine. */
+    dispose(): Promise<void>;
+    [Symbol.asyncDispose](): Promise<void>;
+}
+
+// ---- place/types.d.ts
+
+/** What pages see of places of many rooms. */
+import type { CreateOptions, LiveOptions, LocateOptions, LocateResult, Placement } from "../types.js";
+/** A file of a place, and what it has to be. */
+export interface PlaceFile {
+    /** Relative to the manifest, or absolute. */
+    url: string;
+    bytes: number;
+    /** Of its bytes, in lower-case hexadecimal. */
+    sha256: string;
+}
+/** A room as `NAME.place.json` has it. */
+export interface PlaceRoom {
+    id: string;
+    /** What people call it. */
+    name?: string;
+    scene: PlaceFile;
+    /** From the room to the place: unit quaternion w, x, y, z, shift and scale. */
+    place_from_room?: {
+        qwxyz: readonly number[];
+        t: readonly number[];
+        scale?: number;
+    };
+    floor?: number;
+    /** Rooms that one can walk to. */
+    neighbours?: readonly string[];
+    /** Corners of its floor plan in the room's world, counter-clockwise seen from above. */
+    outline?: readonly (readonly number[])[];
+}
+/** `NAME.place.json`, as `landline place` writes it. */
+export interface PlaceManifest {
+    landline: "place";
+    format: number;
+    name?: string;
+    extractor: string;
+    extractor_sha256: string;
+    working_max_side: number;
+    index: PlaceFile;
+    rooms: readonly PlaceRoom[];
+}
+/** What every answer of a place has besides. */
+export interface InPlace {
+    /** The room that the camera is in; absent where that is not known. */
+    room?: PlaceRoom;
+    /** Ids of two rooms that look alike from there: which of them it is stays open, and the frame is not located. */
+    rivals?: readonly [string, string];
+    /** Ids of rooms that it may be, but whose scenes could not be had; `refused` told why. */
+    missing?: readonly string[];
+    /** Where the camera is in the place; present where the room's transform is known. */
+    placementInPlace?: Placement;
+}
+/** What `Place.locate` answers: `placement` is in the room. */
+export type PlaceResult = LocateResult & InPlace;
+/** Options of `Place.create`. Places run on the CPU. */
+export interface PlaceOptions extends LiveOptions, Pick<CreateOptions, "extractor" | "build" | "onProgress" | "signal" | "wasm" | "worker" | "workerUrl" | "cache" | "stallTimeoutMs" | "fetch"> {
+    /** A `.place.json` file. */
+    place: string | URL;
+    /** Bytes that the engine may hold of scenes; 128 MiB by default. The rooms that were not needed for longest go. */
+    maxBytes?: number;
+    /** Load the rooms beside one that is entered; yes by default. */
+    prefetch?: boolean;
+}
+/** Options of one `locate` call. */
+export type PlaceLocateOptions = Omit<LocateOptions, "prior" | "explain">;
+/** What the engine of a place holds, in bytes. */
+export interface PlaceMemory {
+    wasmBytes: number;
+    /** Of these, scenes. */
+    sceneBytes: number;
+}
+
+// ---- place/worker.d.ts
 
 export {};
 
@@ -1241,7 +1399,7 @@ export interface CreateOptions extends LiveOptions {
     fetch?: typeof fetch;
 }
 /** Files that are loaded. */
-export type LoadedFile = "engine" | "extractor" | "scene";
+export type LoadedFile = "engine" | "extractor" | "scene" | "place" | "index";
 export type ProgressEvent = {
     status: "download";
     file: LoadedFile;

@@ -18,6 +18,8 @@ mod gpu;
 #[cfg(feature = "map")]
 mod mapper;
 #[cfg(feature = "locate")]
+mod place;
+#[cfg(feature = "locate")]
 mod relocalizer;
 #[cfg(feature = "locate")]
 mod result;
@@ -28,6 +30,8 @@ use wasm_bindgen::prelude::wasm_bindgen;
 pub use follow::RawFollower;
 #[cfg(feature = "map")]
 pub use mapper::RawMapper;
+#[cfg(feature = "locate")]
+pub use place::RawPlace;
 #[cfg(feature = "locate")]
 pub use relocalizer::RawRelocalizer;
 

@@ -21,7 +21,7 @@ use wasm_bindgen::prelude::wasm_bindgen;
 /// Options that JavaScript passes as JSON; those left out keep their value.
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase", deny_unknown_fields)]
-struct Options {
+pub(crate) struct Options {
     smoothing: Option<String>,
     max_side: Option<f64>,
     time_budget_ms: Option<f64>,
@@ -31,7 +31,7 @@ struct Options {
 }
 
 impl Options {
-    fn parse(json: &str) -> Result<Self, JsValue> {
+    pub(crate) fn parse(json: &str) -> Result<Self, JsValue> {
         let options: Self = serde_json::from_str(json)
             .map_err(|e| js_error(Code::BadInput, &format!("options: {e}")))?;
         if let Some(side) = options.max_side
@@ -55,17 +55,17 @@ impl Options {
         Ok(options)
     }
 
-    fn smoothing(&self) -> Option<Smoothing> {
+    pub(crate) fn smoothing(&self) -> Option<Smoothing> {
         self.smoothing
             .as_deref()
             .and_then(|name| smoothing(name).ok())
     }
 
-    fn max_side(&self) -> Option<usize> {
+    pub(crate) fn max_side(&self) -> Option<usize> {
         self.max_side.map(|side| side as usize)
     }
 
-    fn apply(&self, to: &mut LiveOptions) {
+    pub(crate) fn apply(&self, to: &mut LiveOptions) {
         if let Some(budget) = self.time_budget_ms {
             to.pose.time_budget_ms = Some(budget);
         }
@@ -79,9 +79,25 @@ impl Options {
             to.pose.max_line_error_px = error;
         }
     }
+
+    /// Changes a session's options; nothing has changed after an error.
+    pub(crate) fn change(&self, session: &mut Session) -> Result<(), JsValue> {
+        let core = session.relocalizer_mut();
+        let mut live = core.options().live;
+        self.apply(&mut live);
+        live.check().map_err(|e| from_create(&e))?;
+        if let Some(side) = self.max_side() {
+            core.set_max_side(side).map_err(|e| from_create(&e))?;
+        }
+        core.set_live(live).map_err(|e| from_create(&e))?;
+        if let Some(smoothing) = self.smoothing() {
+            session.set_smoothing(smoothing);
+        }
+        Ok(())
+    }
 }
 
-fn out_of_order(step: &str) -> JsValue {
+pub(crate) fn out_of_order(step: &str) -> JsValue {
     js_error(Code::BadInput, &format!("no frame was {step} before"))
 }
 
@@ -98,20 +114,29 @@ fn smoothing(name: &str) -> Result<Smoothing, JsValue> {
     }
 }
 
+/// Where intrinsics come from, by the code that `engine.ts` has for it.
+pub(crate) fn camera_source(code: u8) -> CameraSource {
+    match code {
+        1 => CameraSource::Track,
+        2 => CameraSource::Exif,
+        _ => CameraSource::Given,
+    }
+}
+
 /// [`SessionQuery`] of a frame that is under way.
 #[derive(Debug)]
-struct OwnedQuery {
-    camera: Option<Camera>,
-    camera_source: CameraSource,
-    camera_name: String,
-    timestamp_ms: f64,
-    tracking: bool,
-    gravity: Option<Gravity>,
-    prior: Option<CamFromWorld>,
+pub(crate) struct OwnedQuery {
+    pub(crate) camera: Option<Camera>,
+    pub(crate) camera_source: CameraSource,
+    pub(crate) camera_name: String,
+    pub(crate) timestamp_ms: f64,
+    pub(crate) tracking: bool,
+    pub(crate) gravity: Option<Gravity>,
+    pub(crate) prior: Option<CamFromWorld>,
 }
 
 impl OwnedQuery {
-    fn borrow(&self) -> SessionQuery<'_> {
+    pub(crate) fn borrow(&self) -> SessionQuery<'_> {
         SessionQuery {
             camera: self.camera,
             camera_source: self.camera_source,
@@ -263,11 +288,7 @@ impl RawRelocalizer {
         };
         let query = OwnedQuery {
             camera: camera_from(width, height, &intrinsics)?,
-            camera_source: match source {
-                1 => CameraSource::Track,
-                2 => CameraSource::Exif,
-                _ => CameraSource::Given,
-            },
+            camera_source: camera_source(source),
             camera_name,
             timestamp_ms,
             tracking,
@@ -348,19 +369,7 @@ impl RawRelocalizer {
     /// A JavaScript `Error` with a `code`; nothing has changed then.
     #[wasm_bindgen(js_name = setOptions)]
     pub fn set_options(&mut self, options: &str) -> Result<(), JsValue> {
-        let options = Options::parse(options)?;
-        let core = self.session.relocalizer_mut();
-        let mut live = core.options().live;
-        options.apply(&mut live);
-        live.check().map_err(|e| from_create(&e))?;
-        if let Some(side) = options.max_side() {
-            core.set_max_side(side).map_err(|e| from_create(&e))?;
-        }
-        core.set_live(live).map_err(|e| from_create(&e))?;
-        if let Some(smoothing) = options.smoothing() {
-            self.session.set_smoothing(smoothing);
-        }
-        Ok(())
+        Options::parse(options)?.change(&mut self.session)
     }
 
     /// Takes over what an earlier session learned of a camera.
@@ -380,30 +389,38 @@ impl RawRelocalizer {
     }
 }
 
+/// Gravity as a sensor tells it; which way it is in the world is still to be said.
+pub(crate) fn gravity_from(numbers: &[f64]) -> Result<Option<Gravity>, JsValue> {
+    match numbers {
+        [] => Ok(None),
+        &[x, y, z, sigma_rad] => {
+            let in_cam = Vector3::new(x, y, z);
+            if !(in_cam.norm() > 1e-6 && in_cam.norm().is_finite() && sigma_rad > 0.0) {
+                let message = format!("gravity is ({x}, {y}, {z}), known to {sigma_rad} radians");
+                return Err(js_error(Code::BadInput, &message));
+            }
+            Ok(Some(Gravity {
+                in_cam,
+                in_world: Vector3::zeros(),
+                sigma_rad,
+            }))
+        }
+        _ => Err(js_error(
+            Code::BadInput,
+            "gravity takes three numbers and a deviation",
+        )),
+    }
+}
+
 impl RawRelocalizer {
     /// Gravity as the solver takes it; `None` where the scene does not know its own.
     fn gravity(&self, numbers: &[f64]) -> Result<Option<Gravity>, JsValue> {
         let in_world = self.session.relocalizer().scene_info().gravity;
-        match numbers {
-            [] => Ok(None),
-            &[x, y, z, sigma_rad] => {
-                let in_cam = Vector3::new(x, y, z);
-                if !(in_cam.norm() > 1e-6 && in_cam.norm().is_finite() && sigma_rad > 0.0) {
-                    let message =
-                        format!("gravity is ({x}, {y}, {z}), known to {sigma_rad} radians");
-                    return Err(js_error(Code::BadInput, &message));
-                }
-                Ok(in_world.map(|in_world| Gravity {
-                    in_cam,
-                    in_world,
-                    sigma_rad,
-                }))
-            }
-            _ => Err(js_error(
-                Code::BadInput,
-                "gravity takes three numbers and a deviation",
-            )),
-        }
+        let told = gravity_from(numbers)?.zip(in_world);
+        Ok(told.map(|(gravity, in_world)| Gravity {
+            in_world,
+            ..gravity
+        }))
     }
 }
 

@@ -30,7 +30,7 @@ const included = oneOf("points", "lines", "segments");
 
 const largest = Number.MAX_VALUE;
 
-const live: Record<keyof LiveOptions, Check> = {
+export const live: Record<keyof LiveOptions, Check> = {
   smoothing: oneOf("off", "steady", "responsive"),
   maxSide: whole(1, 2048, "a whole number of pixels from 1 to 2048"),
   timeBudgetMs: number(0, largest, "a finite number of milliseconds that is not negative"),
@@ -53,15 +53,17 @@ export const loading = {
   fetch: kind("function"),
 } satisfies Partial<Record<keyof CreateOptions, Check>>;
 
+export const someBuild = oneOf("auto", "plain", "relaxed");
+
 const create: Record<keyof CreateOptions, Check> = {
   ...live,
   ...loading,
   scene: anything,
   device: oneOf("auto", "webgpu", "cpu"),
-  build: oneOf("auto", "plain", "relaxed"),
+  build: someBuild,
 };
 
-const locate: Record<keyof LocateOptions, Check> = {
+export const locate: Record<keyof LocateOptions, Check> = {
   intrinsics: object,
   intrinsicsSource: oneOf("given", "track", "exif"),
   timestamp: number(-largest, largest, "a finite number of milliseconds"),

@@ -18,7 +18,7 @@ const askTimeoutMs = 4000;
 /** A download of which nothing arrives for so long is given up, when the caller does not say. */
 export const usualStallMs = 30_000;
 /** The most bytes of a file, announced or not; that of scenes and weights is the format's own limit. */
-export const maxBytes: Readonly<Record<LoadedFile, number>> = { engine: 1 << 26, extractor: 1 << 29, scene: 1 << 29 };
+export const maxBytes: Readonly<Record<LoadedFile, number>> = { engine: 1 << 26, extractor: 1 << 29, scene: 1 << 29, place: 1 << 24, index: 1 << 24 };
 /** No announcement is believed beyond this: buffers grow as bytes arrive. */
 const maxAnnounced = 1 << 24;
 /** Steps of progress smaller than this are not worth an event. */

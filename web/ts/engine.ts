@@ -7,14 +7,20 @@ import { build, instantiate, RawRelocalizer } from "./raw.js";
 import type { Build, Include, KnownIntrinsicsSource, LiveOptions, LocateResult, SceneInfo, Units } from "./types.js";
 
 const includeBit: Record<Include, number> = { points: 1, lines: 2, segments: 4 };
-const sourceCode: Record<KnownIntrinsicsSource, number> = { given: 0, track: 1, exif: 2 };
+export const sourceCode: Record<KnownIntrinsicsSource, number> = { given: 0, track: 1, exif: 2 };
 
-function includeBits(names: readonly Include[]): number {
+export function includeBits(names: readonly Include[]): number {
   return names.reduce((bits, name) => {
     const bit: number | undefined = includeBit[name];
     if (bit === undefined) throw new LandlineError("bad-input", `include ${JSON.stringify(name)} is unknown`, "Use points, lines or segments.");
     return bits | bit;
   }, 0);
+}
+
+/** The build that this thread runs: it has one instance, whatever is asked for later. */
+export function runningBuild(asked: Pick<CreateRequest, "build" | "buildReason">): Pick<Created, "build" | "buildReason"> {
+  const running = build() as Build;
+  return { build: running, buildReason: asked.build && asked.build !== running ? `this thread runs the ${running} build already` : asked.buildReason };
 }
 
 interface Begun {
@@ -45,10 +51,7 @@ export class Engine {
     try {
       const raw = await RawRelocalizer.create(request.extractor, request.scene, request.device, JSON.stringify(request.options));
       const scene = JSON.parse(raw.sceneInfo()) as SceneInfo;
-      const running = build() as Build;
-      // A thread has one instance, whatever is asked for later.
-      const buildReason = request.build && request.build !== running ? `this thread runs the ${running} build already` : request.buildReason;
-      const built = { build: running, buildReason };
+      const built = runningBuild(request);
       return {
         engine: new Engine(raw, memory, scene.units, built),
         created: { scene, backend: raw.backend() as Created["backend"], backendReason: raw.backendReason(), ...built },

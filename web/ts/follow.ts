@@ -86,6 +86,11 @@ export interface Following extends Omit<EventTarget, "addEventListener" | "remov
   removeEventListener<K extends keyof FollowEvents>(type: K, listener: (event: FollowEvents[K]) => void, options?: boolean | EventListenerOptions): void;
 }
 
+/** What gives the answers: a relocalizer, or a place of many rooms. */
+export interface Locator extends Pick<Relocalizer, "backend" | "follower"> {
+  locate(...call: Parameters<Relocalizer["locate"]>): Promise<LocateResult & { /** The world that the positions are in, where there are several. */ room?: { id: string } }>;
+}
+
 /** Longest side of the picture that is tracked. */
 const trackedSide = 640;
 
@@ -128,7 +133,7 @@ class Held implements FollowedFrame {
 }
 
 class Loop extends EventTarget {
-  readonly #relocalizer: Relocalizer;
+  readonly #relocalizer: Locator;
   readonly #video: HTMLVideoElement;
   readonly #options: FollowOptions;
   readonly #context: CanvasRenderingContext2D;
@@ -142,11 +147,12 @@ class Loop extends EventTarget {
   #held: Held | undefined;
   #intrinsics: Intrinsics | undefined;
   #told = "";
+  #world: string | undefined;
   dropped = 0;
   processed = 0;
   answered = 0;
 
-  constructor(relocalizer: Relocalizer, video: HTMLVideoElement, options: FollowOptions) {
+  constructor(relocalizer: Locator, video: HTMLVideoElement, options: FollowOptions) {
     super();
     this.#relocalizer = relocalizer;
     this.#video = video;
@@ -251,6 +257,10 @@ class Loop extends EventTarget {
         });
         if (!this.#running) return;
         this.answered += 1;
+        // Positions of another room are in another world.
+        const world = result.room?.id ?? this.#world;
+        if (world !== this.#world && this.#world !== undefined) follower.reset();
+        this.#world = world;
         const use = follower.localized(index, result, ...tracked);
         if (result.located) this.#intrinsics = result.intrinsics;
         const picture = pictures[0];
@@ -310,6 +320,6 @@ function fitting(intrinsics: Intrinsics | undefined, { width, height }: { width:
  * Gives a position for every frame of a playing video, tracked between the answers of the relocalizer; pauses while the page is
  * hidden. Tracking runs on this thread, so that the result comes in the very callback in which the frame is shown.
  */
-export function follow(relocalizer: Relocalizer, video: HTMLVideoElement, options: FollowOptions = {}): Following {
+export function follow(relocalizer: Locator, video: HTMLVideoElement, options: FollowOptions = {}): Following {
   return new Loop(relocalizer, video, options) as unknown as Following;
 }

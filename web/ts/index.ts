@@ -3,7 +3,7 @@ export { Relocalizer, packagedExtractorUrl, type StateEvent } from "./relocalize
 export { packagedWasmUrl } from "./builds.js";
 export { LandlineError, type LandlineErrorCode } from "./errors.js";
 export { camera, intrinsicsFromTrack, type Camera, type CameraOptions } from "./camera.js";
-export { follow, type FollowedAnswer, type FollowedFrame, type FollowEvents, type FollowOptions, type FollowResult, type Following } from "./follow.js";
+export { follow, type FollowedAnswer, type FollowedFrame, type FollowEvents, type FollowOptions, type FollowResult, type Following, type Locator } from "./follow.js";
 export { Follower, type AnswerUse, type Correction, type FollowLimit, type FollowState, type FollowerOptions, type FollowerResult, type LostFrame, type RgbaFrame, type TrackLoss, type TrackedFrame, type Turn } from "./follower.js";
 export { motionSensors, type MotionSensors } from "./sensors.js";
 export { drawInView, fromView, intrinsicsInView, project, projectionMatrix, toView, viewMap, type Fit, type View, type ViewMap } from "./view.js";

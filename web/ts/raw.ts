@@ -1,8 +1,8 @@
 /** The only file that knows the generated bindings. */
 import { LandlineError } from "./errors.js";
-import init, { build, RawFollower, RawRelocalizer } from "./landline.js";
+import init, { build, RawFollower, RawPlace, RawRelocalizer } from "./landline.js";
 
-export { build, RawFollower, RawRelocalizer };
+export { build, RawFollower, RawPlace, RawRelocalizer };
 
 let memory: Promise<WebAssembly.Memory> | undefined;
 

@@ -4,11 +4,12 @@ import { load, type Loaded } from "./assets.js";
 import { directChannel, workerChannel, type Channel } from "./channel.js";
 import { LandlineError } from "./errors.js";
 import { Follower, type FollowerOptions } from "./follower.js";
-import { intrinsicsForFrame, prepareFrame, sizeOf } from "./frames.js";
+import { prepareFrame } from "./frames.js";
 import { loadEngine } from "./init.js";
-import type { Created, LocateRequest, MemoryUse, WireFrame } from "./protocol.js";
+import type { Created, MemoryUse } from "./protocol.js";
+import { gravityOf, intrinsicsOf, liveOptions } from "./requests.js";
 import { isNode } from "./support.js";
-import type { Backend, Build, CreateOptions, FrameSource, Intrinsics, LiveOptions, LocateOptions, LocateResult, SceneInfo } from "./types.js";
+import type { Backend, Build, CreateOptions, FrameSource, LiveOptions, LocateOptions, LocateResult, SceneInfo } from "./types.js";
 
 /** Where the extractor's weights lie in this package. */
 export function packagedExtractorUrl(): URL {
@@ -237,33 +238,4 @@ export class Relocalizer extends EventTarget {
       this.dispatchEvent(new CustomEvent(result.state, { detail: result }));
     }
   }
-}
-
-/** As the engine takes it. */
-function gravityOf(gravity: LocateOptions["gravity"]): number[] {
-  if (!gravity) return [];
-  const { x, y, z, sigmaRad = 0.035 } = gravity;
-  if (!(Math.hypot(x, y, z) > 1e-6) || !(sigmaRad > 0) || ![x, y, z, sigmaRad].every(Number.isFinite)) {
-    throw new LandlineError("bad-input", `gravity is (${x}, ${y}, ${z}) with a deviation of ${sigmaRad}`, "Pass a direction in camera axes and a positive deviation in radians.");
-  }
-  return [x, y, z, sigmaRad];
-}
-
-/** Intrinsics for the frame at hand: those passed, else those of its EXIF block, else none. */
-function intrinsicsOf(frame: WireFrame, options: LocateOptions, exif: Intrinsics | undefined): Pick<LocateRequest, "intrinsics" | "intrinsicsSource"> {
-  const given = options.intrinsics ?? exif;
-  if (!given) return { intrinsicsSource: "given" };
-  const { width, height } = sizeOf(frame);
-  const intrinsicsSource = options.intrinsics ? (options.intrinsicsSource ?? "given") : "exif";
-  return { intrinsics: intrinsicsForFrame(given, width, height), intrinsicsSource };
-}
-
-/** The live options among others, without those that are not set. */
-function liveOptions(options: LiveOptions): LiveOptions {
-  const live: LiveOptions = {};
-  const copy = <K extends keyof LiveOptions>(key: K): void => {
-    if (options[key] !== undefined) live[key] = options[key];
-  };
-  (["smoothing", "maxSide", "timeBudgetMs", "seed", "maxPointErrorPx", "maxLineErrorPx"] as const).forEach(copy);
-  return live;
 }

@@ -298,7 +298,7 @@ export interface CreateOptions extends LiveOptions {
 }
 
 /** Files that are loaded. */
-export type LoadedFile = "engine" | "extractor" | "scene";
+export type LoadedFile = "engine" | "extractor" | "scene" | "place" | "index";
 
 export type ProgressEvent =
   | { status: "download"; file: LoadedFile; url: string; loaded: number; /** 0 when unknown. */ total: number; fromCache: boolean }

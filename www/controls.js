@@ -5,7 +5,7 @@ import { wireDrop } from "./drop.js";
 import { saveCsv, saveJson, stopEvaluation } from "./evaluation.js";
 import { forgetFocals } from "./focal.js";
 import { followAgain, holdVideo, startCamera } from "./live.js";
-import { cancelLoading, loadScene, retryLoading } from "./loading.js";
+import { cancelLoading, retryLoading } from "./loading.js";
 import { startFiles, startSample } from "./open.js";
 import { problem } from "./panels.js";
 import { go, showAgain } from "./playlist.js";
@@ -89,10 +89,10 @@ function wireSettings() {
   $("device").value = state.device;
   $("device").addEventListener("change", async ({ target }) => {
     state.device = target.value;
-    if (!state.scene) return;
-    const { source, name, isSample } = state.scene;
-    if (isSample) await startSample({ reload: true });
-    else if (await loadScene(source, name, false)) markSource("scene");
+    // A place of many rooms runs on the CPU, whatever is chosen.
+    if (!state.scene || state.scene.isPlace) return;
+    if (state.scene.isSample) await startSample({ reload: true });
+    else if (await state.scene.again()) markSource("scene");
   });
   $("smoothing").addEventListener("change", ({ target }) => void state.relocalizer?.setOptions({ smoothing: target.value }));
   $("max-fps").addEventListener("change", followAgain);

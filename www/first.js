@@ -46,7 +46,7 @@ try {
   // Too old a browser: the page says so when all of it is there.
 }
 void startUnlessKept(new URL("./vendor/landline/xfeat.safetensors", document.baseURI).href);
-if (!query.has("scene")) {
+if (!query.has("scene") && !query.has("place")) {
   start(new URL("sample.json", sampleBase).href);
   void startUnlessKept(new URL("sample.landline", sampleBase).href);
 }

@@ -26,7 +26,22 @@ export const cancelLoading = () => state.loading?.abort();
 export const retryLoading = () => void again?.();
 
 /** Loads a scene in place of the present one, which stays when that fails. True when it is there. */
-export async function loadScene(scene, name, isSample, retry = () => loadScene(scene, name, isSample)) {
+export const loadScene = (scene, name, isSample, retry = () => loadScene(scene, name, isSample)) =>
+  takeUp({
+    name,
+    retry,
+    make: (common) => Relocalizer.create({ ...common, scene, device: state.device }),
+    taken: (relocalizer) => {
+      state.scene = { name, isSample, again: () => loadScene(scene, name, isSample) };
+      state.metric = relocalizer.scene.units === "metres";
+      showScene(relocalizer.scene, name);
+      if (isSample) showEmpty("Waiting for the first picture", "");
+      else showEmpty("The scene is loaded", "Now choose a picture or a video of this place, or use the camera in it.");
+    },
+  });
+
+/** Puts what `make` makes in place of the present relocalizer, which stays when that fails. True when it is there; `taken` shows it. */
+export async function takeUp({ name, retry, make, taken }) {
   state.loading?.abort();
   const loading = new AbortController();
   state.loading = loading;
@@ -36,13 +51,12 @@ export async function loadScene(scene, name, isSample, retry = () => loadScene(s
   showEmpty(`Loading ${name}`, "Everything is loaded once and kept on this device.", { cancel: true });
   status("wait", "Loading", name);
   try {
-    const relocalizer = await Relocalizer.create({
-      scene,
-      device: state.device,
+    const relocalizer = await make({
       smoothing: $("smoothing").value,
       signal: loading.signal,
       fetch: firstFetch,
       onProgress: (event) => {
+        if (state.loading !== loading) return;
         bars.update(event);
         if (event.status === "prepare") $("empty-note").textContent = "Preparing the networks…";
       },
@@ -51,16 +65,14 @@ export async function loadScene(scene, name, isSample, retry = () => loadScene(s
       await relocalizer.dispose();
       return false;
     }
+    state.leave?.();
+    state.leave = undefined;
     state.relocalizer = relocalizer;
-    state.scene = { source: scene, name, isSample };
-    state.metric = relocalizer.scene.units === "metres";
     await before?.dispose();
     forgetPlace();
-    showScene(relocalizer.scene, name);
-    showBackend(relocalizer);
     bars.reset();
-    if (isSample) showEmpty("Waiting for the first picture", "");
-    else showEmpty("The scene is loaded", "Now choose a picture or a video of this place, or use the camera in it.");
+    taken(relocalizer);
+    showBackend(relocalizer);
     status("wait", "Ready", "Choose a picture, a video or the camera.");
     markReady();
     return true;
@@ -94,5 +106,5 @@ export function frameFailed(error, name) {
   problem(error);
   setPlaying(false);
   // The instance is lost, the page is not: load the same scene again.
-  if (error.code === "engine-defect" && state.scene) void loadScene(state.scene.source, state.scene.name, state.scene.isSample);
+  if (error.code === "engine-defect" && state.scene) void state.scene.again();
 }

@@ -9,17 +9,31 @@ import { startPlaylist } from "./playlist.js";
 import { haveEngine, markSource, state, stopSource } from "./session.js";
 import { samplePlaylist, sortFiles } from "./sources.js";
 
-/** What the page opens with: the sample, or the scene that its address names. */
+/** What the page opens with: the sample, or the scene or the place of many rooms that its address names. */
 export async function startFirst() {
-  const scene = query.get("scene");
-  if (scene === null) return startSample();
-  const url = new URL(scene, document.baseURI);
+  const [scene, place] = [query.get("scene"), query.get("place")];
+  if (scene === null && place === null) return startSample();
+  const url = new URL(place ?? scene, document.baseURI);
   if (url.origin !== location.origin) {
-    showEmpty("The scene is on another server", "This page may talk to its own server only. Download the scene and drop it here, or choose “Own scene file”.");
+    const advice = place === null ? "Download the scene and drop it here, or choose “Own scene file”." : "Put the place beside this page.";
+    showEmpty(`The ${place === null ? "scene" : "place"} is on another server`, `This page may talk to its own server only. ${advice}`);
     status("bad", "Not loaded", `The address names ${url.host}.`);
     return;
   }
+  if (place !== null) return startPlace(url.href, query.get("room") ?? undefined);
   if (await loadScene(url.href, url.pathname.split("/").pop() || url.href, false)) markSource("scene");
+}
+
+/** Many rooms are loaded when they are asked for. */
+async function startPlace(address, room) {
+  let flow;
+  try {
+    flow = await import("./place/flow.js");
+  } catch (error) {
+    problem({ code: "asset-fetch", message: "the part of this page for places of many rooms could not be loaded", hint: "It is loaded once, when it is first used: connect to the network, then try again.", cause: error });
+    return;
+  }
+  await flow.openPlace(address, room);
 }
 
 /** Loads the sample room if another scene is in use, and shows its pictures. */

@@ -79,13 +79,23 @@ export function showResult(result, error) {
     parts.push(`${q.pointInliers} points and ${q.lineInliers} lines agree`, ms(result.timingsMs.total));
     if (result.warning) parts.unshift("the given focal length does not fit, another was solved");
     if (result.state === "limited" && result.limited) parts.unshift(limitedWords[result.limited]);
-    status(result.state === "limited" ? "warn" : "good", "Located", parts.join(" · "));
+    status(result.state === "limited" ? "warn" : "good", result.room ? `Located in ${roomName(result.room)}` : "Located", parts.join(" · "));
   } else {
-    const [word, advice] = reasonWords[result.reason] ?? ["Not located", ""];
+    const [word, advice] = unknownRoom(result) ?? reasonWords[result.reason] ?? ["Not located", ""];
     status("bad", word, result.turnClockwiseDeg ? advice.replace("upright", `by ${result.turnClockwiseDeg}° clockwise`) : advice);
   }
   showStages(result.timingsMs);
   showFacts(result, metric, error);
+}
+
+/** What a room of a place is called. */
+export const roomName = (room) => room.name ?? room.id;
+
+/** What only places of many rooms say of a picture without a position. */
+function unknownRoom({ rivals, missing }) {
+  if (rivals) return ["Two rooms look alike", `This fits ${rivals.join(" and ")}. Show something that only one of them has.`];
+  if (missing) return ["A room is missing", `It may be ${missing.join(" or ")}, which could not be loaded.`];
+  return undefined;
 }
 
 function showStages(timings) {
@@ -125,8 +135,10 @@ function showFacts(result, metric, error) {
   ];
   rows.push(["Detected", `${q.keypoints} points, ${q.segments} lines`]);
   if (result.placement) {
-    const { x, y, z } = result.placement.position;
-    rows.unshift(["Position", [x, y, z].map((v) => v.toFixed(3)).join("  ") + (metric ? " m" : " units")]);
+    const triple = ({ x, y, z }) => [x, y, z].map((v) => v.toFixed(3)).join("  ");
+    rows.unshift(["Position", triple(result.placement.position) + (metric ? " m" : " units")]);
+    if (result.placementInPlace) rows.unshift(["In the place", triple(result.placementInPlace.position)]);
+    if (result.room) rows.unshift(["Room", roomName(result.room)]);
     rows.push(["Error in picture", `${q.medianErrorPx.toFixed(2)} px median`]);
     if (q.sigmaPosition !== undefined) rows.push(["Uncertainty", `${length(q.sigmaPosition, metric)}, ${((q.sigmaRotationRad * 180) / Math.PI).toFixed(2)}°`]);
     rows.push(["Confidence", q.confidence.toFixed(2)]);
@@ -205,7 +217,7 @@ export class LoadBars {
     const head = document.createElement("div");
     head.className = "bar-head";
     const name = document.createElement("span");
-    name.textContent = { engine: "Engine", extractor: "Feature finder (for all places)", scene: "The place" }[file];
+    name.textContent = { engine: "Engine", extractor: "Feature finder (for all places)", scene: "The place", place: "List of rooms", index: "What tells rooms apart" }[file];
     const amount = document.createElement("span");
     const progress = document.createElement("progress");
     progress.setAttribute("aria-label", name.textContent);

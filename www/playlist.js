@@ -68,7 +68,9 @@ export async function locatePicture(item) {
   const intrinsics = intrinsicsFor(item, bitmap.width, bitmap.height);
   const include = ["points", "lines", "segments"];
   // Without intrinsics the engine gets the file itself, for its EXIF block.
-  const result = await state.relocalizer.locate(intrinsics ? bitmap : blob, { include, explain: true, ...(intrinsics ? { intrinsics } : {}) });
+  // A place of many rooms has no one scene to explain a picture by.
+  const explain = state.scene?.isPlace ? {} : { explain: true };
+  const result = await state.relocalizer.locate(intrinsics ? bitmap : blob, { include, ...explain, ...(intrinsics ? { intrinsics } : {}) });
   return { result, bitmap };
 }
 

@@ -8,8 +8,10 @@ export const map = new SeenMap();
 
 export const state = {
   relocalizer: undefined,
-  /** `{ source, name, isSample }` of the scene in use, to load it again for another backend. */
+  /** `{ name, isSample, isPlace, again }` of what is in use; `again` loads it once more. */
   scene: undefined,
+  /** Called when something else is taken in its place. */
+  leave: undefined,
   metric: true,
   device: query.get("device") ?? "auto",
   playlist: [],

@@ -121,7 +121,7 @@ async function withView(result, use) {
     $("map-note").textContent = "Loading the 3D view…";
     try {
       const { MapView } = await import("./view3d.js");
-      view = new MapView($("map-frame"), state.relocalizer?.scene.up ?? upOf(result.placement.worldFromCamera));
+      view = new MapView($("map-frame"), state.relocalizer?.scene?.up ?? upOf(result.placement.worldFromCamera));
       view.setTruth(state.truth);
       view.onFollowEnd = () => $("map-follow").setAttribute("aria-pressed", "false");
       $("map-note").hidden = true;

@@ -9,13 +9,13 @@ const cacheName = "landline-page-v1";
  * `import()` leads nowhere else. Static hosts that send no headers get it from here, from the second visit on.
  */
 const workerPolicy = "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'";
-/** What maps is kept from its first use on: who only locates need not load it. */
-const isForMapping = (path) => /(^|\/)(mapping|mapper)\//.test(path);
+/** What maps, and what is for places of many rooms, is kept from its first use on: who locates in one scene need not load it. */
+const isForLater = (path) => /(^|\/)(mapping|mapper|place)\//.test(path);
 // The probe of the package's `support.js`: the engine has two builds, and only the one that runs here is kept.
 const relaxedProbe = [0, 97, 115, 109, 1, 0, 0, 0, 1, 4, 1, 96, 0, 0, 3, 2, 1, 0, 10, 20, 1, 18, 0, 65, 0, 253, 17, 65, 0, 253, 17, 65, 0, 253, 17, 253, 133, 2, 26, 11];
 const otherBuild = WebAssembly.validate(new Uint8Array(relaxedProbe)) ? "landline_bg.wasm" : "landline_relaxed_bg.wasm";
 const isOtherBuild = (path) => path.endsWith(`/${otherBuild}`);
-const isWeights = (path) => /\.(landline|safetensors|tgz)$/.test(path);
+const isWeights = (path) => /\.(landline|safetensors|tgz|place\.json|place\.index)$/.test(path);
 
 self.addEventListener("install", (event) => {
   event.waitUntil(keepPage().then(() => self.skipWaiting()));
@@ -35,7 +35,7 @@ async function keepPage() {
   const cache = await caches.open(cacheName);
   const response = await fetch("./files.json", { cache: "no-cache" });
   if (!response.ok) return;
-  const files = Object.keys(await response.json()).filter((path) => !isWeights(path) && !isForMapping(path) && !isOtherBuild(path) && /\.(html|js|css|svg|wasm|json|webmanifest|png|jpg|jpeg|webp)$/.test(path));
+  const files = Object.keys(await response.json()).filter((path) => !isWeights(path) && !isForLater(path) && !isOtherBuild(path) && /\.(html|js|css|svg|wasm|json|webmanifest|png|jpg|jpeg|webp)$/.test(path));
   await cache.addAll(["./", ...files.map((path) => `./${path}`)]);
 }
 

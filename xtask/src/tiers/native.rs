@@ -15,6 +15,10 @@ pub(crate) fn run(require_gpu: bool) -> Result<Tally> {
         "--exclude",
         "landline-web",
         "--no-fail-fast",
+        // All that is on by default but burn's vector code, which takes minutes to compile.
+        "--no-default-features",
+        "--features",
+        "landline/webgpu,landline-mapper/train",
     ]);
     if let Ok(weights) = setup::weights() {
         cargo.env("LANDLINE_XFEAT_CHECKPOINT", weights.checkpoint);

@@ -261,7 +261,7 @@ impl PlaceIndex {
         .map(|(key, value)| (key.to_owned(), value))
         .collect();
         let element = |name: &str, _: &[usize]| match name {
-            CENTRES | ROOMS => Element::I8,
+            CENTRES | ROOMS => Element::EIGHT_BIT,
             _ => Element::F32,
         };
         serialize(&metadata, &weights, element).map_err(PlaceError::Index)

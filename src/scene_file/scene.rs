@@ -21,7 +21,8 @@ pub enum Precision {
     #[default]
     F16,
     /// Matrices as 8-bit rows with one factor each, the rest as 16-bit. In anchored networks only the keys are matrices of
-    /// this kind: positions need their digits, and the small MLPs weigh nothing.
+    /// this kind: positions need their digits, and the small MLPs weigh nothing. Of extractors see
+    /// [`ExtractorFile::to_bytes`](super::ExtractorFile::to_bytes).
     Int8,
 }
 
@@ -91,13 +92,13 @@ impl SceneFile {
             Precision::F16 => Element::F16,
             Precision::Int8 if anchored => {
                 if name.ends_with(".anchor.keys") {
-                    Element::I8
+                    Element::EIGHT_BIT
                 } else {
                     Element::F16
                 }
             }
             Precision::Int8 => match shape {
-                [_, columns] if *columns >= 16 => Element::I8,
+                [_, columns] if *columns >= 16 => Element::EIGHT_BIT,
                 _ => Element::F16,
             },
         };

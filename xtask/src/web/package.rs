@@ -83,7 +83,7 @@ fn convert_weights(weights: &Weights, to: &Path) -> Result<()> {
         .args(["convert", "--extractor", "xfeat"])
         .arg(&weights.checkpoint)
         .arg(to)
-        .args(["--precision", "f16", "--licence", "Apache-2.0", "--source"])
+        .args(["--precision", "int8", "--licence", "Apache-2.0", "--source"])
         .arg(&weights.source);
     shell::output(&mut convert)
         .context("cannot convert the extractor's weights")

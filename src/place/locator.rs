@@ -1,5 +1,6 @@
 //! Which room a frame was taken in, frame after frame.
 
+use super::index::best_first;
 use super::{PlaceError, PlaceIndex, PlaceManifest, RoomScore};
 use crate::geometry::CamFromWorld;
 use crate::image::FrameView;
@@ -391,8 +392,7 @@ impl Place {
                     ranked.score += 0.5 * CLOSE_SCORE;
                 }
             }
-            self.ranking
-                .sort_unstable_by(|a, b| b.score.total_cmp(&a.score).then(a.room.cmp(&b.room)));
+            best_first(&mut self.ranking);
         }
         self.candidates.clear();
         let best = self.ranking.iter().take(self.options.candidates.max(1));

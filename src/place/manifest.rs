@@ -6,6 +6,7 @@ use crate::models::ExtractorKind;
 use crate::scene_file::{MAX_WORKING_SIDE, SceneFile, SceneInfo};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 
 /// Version of manifests. A newer one is refused.
 pub const PLACE_VERSION: u32 = 1;
@@ -286,11 +287,10 @@ impl PlaceManifest {
             });
         }
         self.index.check_form("the index")?;
-        let mut ids: Vec<&str> = self.rooms.iter().map(|room| room.id.as_str()).collect();
-        ids.sort_unstable();
-        if let Some(twice) = ids.array_windows().find(|[a, b]| a == b) {
+        let mut ids = BTreeSet::new();
+        if let Some(twice) = self.rooms.iter().find(|room| !ids.insert(&room.id)) {
             return Err(PlaceError::DuplicateRoom {
-                id: twice[0].to_owned(),
+                id: twice.id.clone(),
             });
         }
         for room in &self.rooms {

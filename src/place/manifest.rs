@@ -310,7 +310,7 @@ impl PlaceManifest {
                         room: room.id.clone(),
                     });
                 }
-                if ids.binary_search(&neighbour.as_str()).is_err() {
+                if !ids.contains(neighbour) {
                     return Err(PlaceError::NoNeighbour {
                         room: room.id.clone(),
                         neighbour: neighbour.clone(),

@@ -32,6 +32,9 @@ const KNOWN_CAMERA_EVIDENCE: f64 = 1.07;
 /// Nobody who knows a camera stretches its pictures: a solved one whose pixels are less square than by so much, or whose focal
 /// length is less sure, explains how the map is bent, and stood up to 1.8 m off in a rendered room.
 const KNOWN_CAMERA_ASPECT: f64 = 0.03;
+/// A bent map brings a tenth or two more. With so much more found, the given camera is wrong and pixels may be twice as far from
+/// square: a picture along a corridor says little about the one axis.
+const OTHER_CAMERA_CERTAIN_GAIN: f64 = 1.5;
 const KNOWN_CAMERA_SIGMA: f64 = 0.01;
 /// Matches around wrong projections draw towards them: so many looks lead to the right camera.
 const OTHER_CAMERA_LOOKS: usize = 8;
@@ -332,9 +335,11 @@ fn is_believed((other, more): &Answer, (given, found): &Answer, is_known: bool) 
     let focal = |e: &PoseEstimate| e.camera.focal_px();
     let (was, is) = (focal(given), focal(other));
     let aspect = (is.1 * was.0) / (is.0 * was.1);
+    let is_certain = more > OTHER_CAMERA_CERTAIN_GAIN * found;
+    let least_square = KNOWN_CAMERA_ASPECT * if is_certain { 2.0 } else { 1.0 };
     more - found > KNOWN_CAMERA_SPREADS * found.sqrt()
         && other.log_evidence > KNOWN_CAMERA_EVIDENCE * given.log_evidence
-        && (aspect - 1.0).abs() < KNOWN_CAMERA_ASPECT
+        && (aspect - 1.0).abs() < least_square
         && other.sigma_focal_px < KNOWN_CAMERA_SIGMA * is.0
 }
 

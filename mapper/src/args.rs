@@ -1,6 +1,7 @@
 //! Arguments that several commands share. A command imports these and what does its work, never another command.
 
 use crate::dataset::{DataArgs, expressed};
+use crate::metres::{Distance, Metres, parse_distance};
 use crate::posing::PosingRequest;
 use crate::refining::{RefinePoses, RefiningRequest};
 use crate::scene::ExtractorArgs;
@@ -147,13 +148,19 @@ pub struct PosingArgs {
     /// Frames of a video that are taken for each second of it.
     #[arg(long, value_name = "N", default_value_t = 3.0)]
     pub frames_per_second: f64,
+    /// Metres for pictures without poses: the distance between the places where two of them were taken.
+    #[arg(long, value_name = "NAME,NAME,METRES", value_parser = parse_distance, conflicts_with = "positions")]
+    pub scale_from: Option<Distance>,
+    /// Metres and axes for pictures without poses: a list `name x y z` of places where some of them were taken.
+    #[arg(long, value_name = "FILE")]
+    pub positions: Option<PathBuf>,
 }
 
 impl PosingArgs {
     /// What is asked, for pictures of this folder or video.
     ///
     /// # Errors
-    /// When the camera is of a model that is not known.
+    /// When the camera is of a model that is not known, or the list of positions cannot be read.
     pub fn request(&self, pictures: &Path, camera: Option<&CameraRecord>) -> Result<PosingRequest> {
         Ok(PosingRequest {
             pictures: pictures.to_owned(),
@@ -161,7 +168,21 @@ impl PosingArgs {
             camera: camera.map(expressed).transpose()?,
             is_unordered: self.unordered,
             frames_per_second: self.frames_per_second,
+            metres: match (&self.scale_from, &self.positions) {
+                (Some(distance), _) => Some(Metres::Distance(distance.clone())),
+                (None, Some(path)) => Some(Metres::read_positions(path)?),
+                (None, None) => None,
+            },
         })
+    }
+
+    /// The option that gives pictures without poses metres.
+    pub fn metres_option(&self) -> Option<&'static str> {
+        let positions = self.positions.as_ref().map(|_| "--positions");
+        self.scale_from
+            .as_ref()
+            .map(|_| "--scale-from")
+            .or(positions)
     }
 }
 

@@ -14,6 +14,7 @@ pub mod feature_cache;
 pub mod files;
 pub mod import;
 pub mod labels;
+pub mod metres;
 pub mod overlay;
 pub mod paper;
 pub mod picture;

@@ -2,6 +2,7 @@
 
 use crate::dataset::DatasetImage;
 use crate::extract::{ExtractError, Extraction};
+use crate::metres::{Metres, MetresError};
 use crate::progress::{Progress, StageBars};
 use crate::unposed::{self, Found, UnposedError};
 use landline::geometry::Camera;
@@ -26,6 +27,9 @@ pub enum PosingError {
     /// Nothing can be reconstructed.
     #[error(transparent)]
     Motion(#[from] MotionError),
+    /// What is said about lengths does not fit.
+    #[error(transparent)]
+    Metres(#[from] MetresError),
     /// What is said about the camera cannot be.
     #[error("{0}")]
     Camera(String),
@@ -47,6 +51,8 @@ pub struct PosingRequest {
     pub is_unordered: bool,
     /// Frames of a video that are taken for each second of it.
     pub frames_per_second: f64,
+    /// How long one unit of length is.
+    pub metres: Option<Metres>,
 }
 
 /// A written model.
@@ -84,6 +90,10 @@ pub fn pose_pictures(
     for image in &images {
         check_camera(request, image.camera.width, image.camera.height)?;
     }
+    let names: Vec<&str> = images.iter().map(|i| i.name.as_str()).collect();
+    if let Some(metres) = &request.metres {
+        metres.check(&names)?;
+    }
     let (groups, group_of) = unposed::group_cameras(&images, |w, h| {
         let known = request.camera.map(CameraGroup::given);
         known.or_else(|| request.focal_px.map(|f| unposed::with_focal(w, h, f)))
@@ -103,7 +113,7 @@ pub fn pose_pictures(
     params.candidates.is_video = !request.is_unordered;
     let mut bars = StageBars::new(progress);
     let matches = block_on(match_pictures(&pictures, &groups, &params, &mut bars))?;
-    let motion = block_on(reconstruct_motion(
+    let mut motion = block_on(reconstruct_motion(
         &pictures, &groups, &matches, &params, &mut bars,
     ))?;
     drop(bars);
@@ -114,8 +124,11 @@ pub fn pose_pictures(
             format_args!("not read         {name}: {reason}"),
         );
     }
-    let names: Vec<&str> = images.iter().map(|i| i.name.as_str()).collect();
     describe(&motion, &names, &mut summary);
+    if let (Some(metres), Some(largest)) = (&request.metres, motion.components.first_mut()) {
+        let said = metres.apply(largest, &names)?;
+        line(&mut summary, format_args!("{said}"));
+    }
     line(
         &mut summary,
         format_args!(

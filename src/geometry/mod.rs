@@ -6,6 +6,7 @@ mod camera;
 mod pixel;
 mod scene_scale;
 mod segment;
+mod similarity;
 mod spaces;
 mod units;
 
@@ -13,6 +14,7 @@ pub use camera::{Camera, CameraError, CameraModel, CameraRecord, ColmapModel};
 pub use pixel::{Pixel, PixelMap, Sensor, Working, WorkingFromSensor};
 pub use scene_scale::SceneScale;
 pub use segment::{ScenePoint, SceneSegment, Segment2};
+pub use similarity::Similarity;
 pub use spaces::{
     Cam, CamFromWorld, Rigid, World, WorldFromCam, rotation_from_vector, vector_from_rotation,
 };

@@ -1,7 +1,7 @@
 //! `landline map`: from pictures, with poses or without, to a scene file in one go.
 
 use crate::args::{PosingArgs, RefiningArgs, SceneArgs, TeachingArgs};
-use crate::dataset::{has_poses, open};
+use crate::dataset::{UnitsArg, has_poses, open};
 use crate::extract::Extraction;
 use crate::files;
 use crate::posing::{is_video, pose_pictures};
@@ -16,14 +16,14 @@ use crate::{
     args::TrainingArgs,
     teach::{Training, When},
 };
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use landline::front_end::FrontEndOptions;
 use std::path::PathBuf;
 
 /// Teach a place: features, points and lines of its pictures, one scene file.
 ///
-/// A folder of pictures without poses, or a video, is posed first (structure from motion); the unit of length is arbitrary then.
-/// The networks begin as the place's landmarks, which locate by themselves. They are trained only where pictures that were
+/// A folder of pictures without poses, or a video, is posed first (structure from motion); the unit of length is arbitrary
+/// then, unless `--scale-from` or `--positions` says what it is. The networks begin as the place's landmarks, which locate by themselves. They are trained only where pictures that were
 /// kept back show that these are not enough, or where options ask for it. Features are cached in the run folder, or where
 /// `--features` says; an interrupted run goes on from there.
 #[derive(Debug, clap::Args)]
@@ -76,6 +76,19 @@ pub fn run(mut args: Args) -> Result<()> {
     let extraction = Extraction::new(extractor, options, Some(cache));
     let data = &mut args.teaching.data;
     let has_own_poses = !is_video(&data.data) && has_poses(data);
+    if let Some(option) = args.posing.metres_option() {
+        if has_own_poses {
+            bail!(
+                "{option} is for pictures without poses, and {} has some: say what its lengths are with --units or --scale",
+                data.data.display()
+            );
+        }
+        if data.scale.is_some() || data.units.is_some() {
+            bail!(
+                "{option} says what lengths are, and so does --scale or --units: give one of them"
+            );
+        }
+    }
     if !has_own_poses {
         std::fs::create_dir_all(&folder).with_context(|| format!("{}", folder.display()))?;
         let model = folder.join("poses");
@@ -93,6 +106,9 @@ pub fn run(mut args: Args) -> Result<()> {
         data.pictures = Some(posed.pictures);
         data.data = model;
         data.camera = None;
+        if args.posing.metres_option().is_some() {
+            data.units = Some(UnitsArg::Metres);
+        }
     }
     let mut dataset = open(&args.teaching.data)?;
     print!("{}", dataset.table());

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 
 /// Find the poses of pictures or of a video (structure from motion) and write a COLMAP model.
 ///
-/// The unit of length is arbitrary. Pictures of one size share one camera. If the place falls into several pieces, the largest
+/// The unit of length is arbitrary, unless `--scale-from` or `--positions` says what it is. Pictures of one size share one camera. If the place falls into several pieces, the largest
 /// is written and the others are told.
 #[derive(Debug, clap::Args)]
 pub struct Args {

@@ -33,7 +33,7 @@ pub use verify::{PairMatches, VerifiedPair};
 
 use super::{Observation, Observer, PointTrack, TwoViewKind, TwoViewParams, Watch};
 use crate::features::FeatureSet;
-use crate::geometry::{CamFromWorld, Camera};
+use crate::geometry::{CamFromWorld, Camera, Similarity};
 use grow::{Attempt, Ground};
 use start::{best_start, focal_hypotheses, grow_all, with_focal};
 
@@ -196,6 +196,16 @@ impl Component {
     /// Posed pictures.
     pub fn num_registered(&self) -> usize {
         self.cam_from_world.iter().flatten().count()
+    }
+
+    /// Takes poses and points to another world, whose unit of length may differ.
+    pub fn transform(&mut self, to: &Similarity) {
+        for pose in self.cam_from_world.iter_mut().flatten() {
+            *pose = to.transform_pose(pose);
+        }
+        for point in &mut self.points {
+            point.point_in_world = to.transform_point(&point.point_in_world);
+        }
     }
 }
 

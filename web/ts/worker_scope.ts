@@ -1,4 +1,6 @@
 /** What the workers of this package have in common. */
+import { plainError } from "./errors.js";
+import type { CallReply } from "./rpc.js";
 
 /**
  * A page's policy in a <meta> element does not reach its workers. This one needs no network: everything was loaded by the
@@ -30,4 +32,29 @@ export function buffersOf(reply: unknown): ArrayBuffer[] {
   };
   visit(reply);
   return [...found];
+}
+
+/** The few members of a dedicated worker's scope that are used; the page's library of types has no such scope. */
+interface Scope<Message> {
+  onmessage: ((event: MessageEvent<Message>) => void) | null;
+  postMessage(message: CallReply, transfer: Transferable[]): void;
+}
+
+/** Answers messages one after another, but for those that cannot wait. */
+export function answerInOrder<Message extends { id: number }>(perform: (message: Message) => Promise<unknown>, isUrgent: (message: Message) => boolean = () => false): void {
+  const scope = self as unknown as Scope<Message>;
+  let queue: Promise<void> = Promise.resolve();
+  const answer = async (message: Message): Promise<void> => {
+    const { id } = message;
+    try {
+      const reply = await perform(message);
+      scope.postMessage({ id, ok: true, reply }, buffersOf(reply));
+    } catch (error) {
+      scope.postMessage({ id, ok: false, error: plainError(error) }, []);
+    }
+  };
+  scope.onmessage = ({ data }) => {
+    if (isUrgent(data)) void answer(data);
+    else queue = queue.then(() => answer(data));
+  };
 }

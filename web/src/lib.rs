@@ -24,6 +24,7 @@ mod relocalizer;
 #[cfg(feature = "locate")]
 mod result;
 
+use landline::geometry::Units;
 use wasm_bindgen::prelude::wasm_bindgen;
 
 #[cfg(feature = "locate")]
@@ -44,6 +45,14 @@ extern "C" {
     #[cfg(feature = "locate")]
     #[wasm_bindgen(js_namespace = performance, js_name = now)]
     fn performance_now() -> f64;
+}
+
+/// What JavaScript calls a unit of length.
+fn units_name(units: Units) -> &'static str {
+    match units {
+        Units::Metres => "metres",
+        Units::Arbitrary => "scene-units",
+    }
 }
 
 /// Version of the package.

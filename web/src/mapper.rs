@@ -2,9 +2,10 @@
 
 use crate::error::{Code, js_error};
 use crate::frame::{camera_from, pixel_format, pose_from};
+use crate::units_name;
 use js_sys::{Function, Promise};
 use landline::front_end::{FrontEnd, FrontEndError, FrontEndOptions};
-use landline::geometry::{CamFromWorld, Pixel, Units};
+use landline::geometry::{CamFromWorld, Pixel};
 use landline::image::FrameView;
 use landline::mapping::{
     Advice, Exposure, Film, FilmError, FilmMap, FilmParams, FrameCamera, FrameInfo, KeyframeParams,
@@ -474,7 +475,7 @@ fn report(map: &FilmMap, num_keyframes: usize) -> Value {
         "focal": 0.5 * (fx + fy),
         "width": map.camera.width,
         "height": map.camera.height,
-        "units": match map.units { Units::Metres => "metres", Units::Arbitrary => "scene-units" },
+        "units": units_name(map.units),
         "points": map.points.len(),
         "lines": map.lines.len(),
         "pairs": map.stats.pairs.len(),

@@ -2,13 +2,13 @@
 
 use crate::error::{Code, from_create, from_session, js_error};
 use crate::frame::{camera_from, pixel_format};
-use crate::performance_now;
 use crate::relocalizer::{Options, OwnedQuery, camera_source, gravity_from, out_of_order};
 use crate::result::encode;
+use crate::{performance_now, units_name};
 use landline::image::FrameView;
 use landline::place::{Place, PlaceError, PlaceIndex, PlaceManifest, PlaceOptions, PlaceReport};
 use landline::relocalizer::CreateError;
-use landline::scene_file::{ExtractorFile, SceneFile, SceneFileError, Units};
+use landline::scene_file::{ExtractorFile, SceneFile, SceneFileError};
 use wasm_bindgen::JsValue;
 use wasm_bindgen::prelude::wasm_bindgen;
 
@@ -204,10 +204,7 @@ impl RawPlace {
         encode(relocalizer, &report.session, include, &mut self.result);
         let rooms = &self.place.manifest().rooms;
         let id = |room: usize| rooms.get(room).map(|r| r.id.as_str());
-        let units = match relocalizer.scene_info().units {
-            Units::Metres => "metres",
-            Units::Arbitrary => "scene-units",
-        };
+        let units = units_name(relocalizer.scene_info().units);
         let wanted: Vec<&str> = self.place.wanted().iter().filter_map(|r| id(*r)).collect();
         let prefetch: Vec<&str> = self.place.to_prefetch().filter_map(id).collect();
         serde_json::json!({

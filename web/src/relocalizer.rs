@@ -3,15 +3,15 @@
 use crate::error::{Code, from_create, from_session, js_error};
 use crate::frame::{camera_from, pixel_format, pose_from};
 use crate::gpu;
-use crate::performance_now;
 use crate::result::{encode, encode_reason};
+use crate::{performance_now, units_name};
 use landline::geometry::{CamFromWorld, Camera};
 use landline::image::FrameView;
 use landline::pose::Gravity;
 use landline::relocalizer::{
     Begun, CameraSource, CreateError, LiveOptions, Observed, Outcome, Relocalizer,
 };
-use landline::scene_file::{ExtractorFile, MAX_WORKING_SIDE, SceneFile, TensorFile, Units};
+use landline::scene_file::{ExtractorFile, MAX_WORKING_SIDE, SceneFile, TensorFile};
 use landline::session::{Session, SessionQuery, Smoothing};
 use nalgebra::Vector3;
 use serde::Deserialize;
@@ -456,7 +456,7 @@ fn scene_card(scene: &SceneFile, bytes: &[u8]) -> Result<String, JsValue> {
         "variant": scene.config.variant().name(),
         "preset": info.preset.map_or("custom", |p| p.name()),
         "extractor": info.extractor.name(),
-        "units": match info.units { Units::Metres => "metres", Units::Arbitrary => "scene-units" },
+        "units": units_name(info.units),
         "licence": info.licence,
         "created": info.created.as_ref().map_or_else(String::new, ToString::to_string),
         "bytes": bytes.len(),

@@ -197,7 +197,7 @@ test("a frame of the scene's own camera needs no intrinsics, another camera is f
   assert.ok(seen.light.every(({ located, reason, turnClockwiseDeg }) => !located && reason !== "turned" && turnClockwiseDeg === undefined));
 });
 
-test("on the GPU a frame that waits is begun early, and gets the answer that it gets alone", { skip, timeout: 600_000 }, async (t) => {
+test("on the GPU a frame that waits is begun early, and gets the answer that it gets alone", { skip, timeout: 240_000 }, async (t) => {
   const { page, said } = await blank(t, softwareGpu);
   const seen = await page.evaluate(async () => {
     const intrinsics = globalThis.sample.camera;

@@ -91,9 +91,11 @@ export function metreStick({ film, report, rewrite }) {
   const choose = async (by) => {
     index = (index + by + usable.length) % usable.length;
     marks = [];
-    bitmap?.close();
-    bitmap = await createImageBitmap(film.picture(usable[index].keyframe).blob);
     said.textContent = "Tap the first point.";
+    // Nothing may be drawn of the last picture, nor said of the first point, once a point is marked while this one is decoded.
+    bitmap?.close();
+    bitmap = undefined;
+    bitmap = await createImageBitmap(film.picture(usable[index].keyframe).blob);
     draw();
   };
   const details = el(

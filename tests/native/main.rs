@@ -11,6 +11,7 @@ mod gpu_frame;
 mod gpu_relocalizer;
 mod layering;
 mod lsd_golden;
+mod lsd_inputs;
 mod lsd_properties;
 mod nn;
 mod place;

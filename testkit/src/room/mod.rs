@@ -10,6 +10,7 @@ mod build;
 mod color;
 mod light;
 mod noise;
+mod pieces;
 mod prints;
 mod render;
 mod texture;

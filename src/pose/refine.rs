@@ -15,6 +15,7 @@ use super::scoring::evidence;
 use super::soft::{Soft, add_soft};
 use super::watch::Watch;
 use crate::math::elementary::exp;
+use crate::math::least_squares::{Damping, LeastSquares, minimize};
 use nalgebra::{Matrix3, Vector3};
 
 /// Rounds of the full refinement; each re-estimates the noise.
@@ -436,7 +437,7 @@ impl Refiner {
         n
     }
 
-    /// Levenberg-Marquardt with Nielsen's damping; the cost never rises.
+    /// Moves a model to the least loss nearby.
     fn minimize(
         &mut self,
         problem: &Problem,
@@ -445,40 +446,16 @@ impl Refiner {
         max_steps: usize,
         watch: &mut Watch<'_>,
     ) -> (Model, Normal) {
-        let mut model = *start;
-        let mut normal = self.normal(problem, &model, soft);
-        let (mut lambda, mut growth) = (1e-5, 2.0);
-        for _ in 0..max_steps {
-            if watch.is_over() {
-                break;
-            }
-            let Some(step) = normal.step(lambda) else {
-                lambda *= growth;
-                growth *= 2.0;
-                continue;
-            };
-            let size: f64 = step.iter().map(|s| s * s).sum();
-            let candidate = residuals::perturbed(&model, &step);
-            let next = self.normal(problem, &candidate, soft);
-            let drop = normal.cost - next.cost;
-            if drop >= 0.0 && candidate.is_finite() {
-                model = candidate;
-                let relative = drop / (1.0 + next.cost.abs());
-                normal = next;
-                lambda = (lambda * 0.2).max(1e-9);
-                growth = 2.0;
-                if relative < 1e-10 || size < 1e-18 {
-                    break;
-                }
-            } else {
-                lambda = (lambda * growth).max(1e-6);
-                growth *= 2.0;
-                if size < 1e-18 || lambda > 1e8 {
-                    break;
-                }
-            }
-        }
-        (model, normal)
+        let damping = Damping {
+            max_steps,
+            ..Damping::default()
+        };
+        let mut loss = FullLoss {
+            refiner: self,
+            problem,
+            soft,
+        };
+        minimize(&mut loss, *start, &damping, || watch.is_over())
     }
 
     /// Fixes the noise for [`Self::posteriors`].
@@ -513,6 +490,43 @@ impl Refiner {
             };
             report(Kind::Line, item.source, p, frozen.odds);
         }
+    }
+}
+
+/// The full loss with frozen variances.
+struct FullLoss<'a> {
+    refiner: &'a mut Refiner,
+    problem: &'a Problem,
+    soft: &'a Soft,
+}
+
+impl LeastSquares for FullLoss<'_> {
+    type Parameters = Model;
+    type Normal = Normal;
+    type Step = Row;
+
+    fn normal(&mut self, at: &Model) -> Normal {
+        self.refiner.normal(self.problem, at, self.soft)
+    }
+
+    fn cost(&self, normal: &Normal) -> f64 {
+        normal.cost
+    }
+
+    fn step(&self, normal: &Normal, lambda: f64) -> Option<Row> {
+        normal.step(lambda)
+    }
+
+    fn step_sq(&self, step: &Row) -> f64 {
+        step.iter().map(|s| s * s).sum()
+    }
+
+    fn moved(&self, at: &Model, step: &Row) -> Model {
+        residuals::perturbed(at, step)
+    }
+
+    fn is_usable(&self, at: &Model) -> bool {
+        at.is_finite()
     }
 }
 

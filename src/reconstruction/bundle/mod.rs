@@ -230,6 +230,8 @@ pub fn adjust(
     let (mut lambda, mut growth) = (1e-4, 2.0);
     let mut iterations = 0;
     let mut is_converged = false;
+    // Not the loop of `math::least_squares`: equations of thousands of unknowns cost much more than their cost alone, so they are
+    // made for steps that are taken only, and the damping follows the gain that the step predicts.
     system.linearise(problem);
     while iterations < options.max_iterations && !is_converged {
         iterations += 1;

@@ -1,8 +1,10 @@
 //! Files that appear whole or not at all: written to a temporary name beside the target, then renamed.
 
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 /// Writes a file through `fill`; the target keeps its old content when anything fails (disk full, interrupt).
 ///
@@ -68,9 +70,78 @@ pub fn entries(folder: &Path) -> io::Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
+/// For each of some files a name without folders, to call something made of it: the file's own, as `name_of` takes it
+/// ([`Path::file_stem`]); where several are called so, with the folders before it that tell them apart, or else a number. A
+/// file that is there twice has one name.
+pub fn names_apart(files: &[PathBuf], name_of: fn(&Path) -> Option<&OsStr>) -> Vec<String> {
+    let parts: Vec<Vec<String>> = files
+        .iter()
+        .map(|file| {
+            let folders = file.parent().into_iter().flat_map(Path::components);
+            let folders = folders.filter(|part| matches!(part, Component::Normal(_)));
+            folders
+                .map(|part| part.as_os_str().to_string_lossy().into_owned())
+                .chain(name_of(file).map(|name| name.to_string_lossy().into_owned()))
+                .collect()
+        })
+        .collect();
+    let mut lengths = vec![1; files.len()];
+    loop {
+        let names: Vec<String> = std::iter::zip(&parts, &lengths)
+            .map(|(parts, len)| parts[parts.len().saturating_sub(*len)..].join("_"))
+            .collect();
+        // Some file systems do not tell upper from lower case.
+        let mut alike: BTreeMap<String, Vec<usize>> = BTreeMap::new();
+        for (i, name) in names.iter().enumerate() {
+            alike.entry(name.to_lowercase()).or_default().push(i);
+        }
+        let is_told = |same: &Vec<usize>| same.iter().all(|i| files[*i] == files[same[0]]);
+        alike.retain(|_, same| !is_told(same));
+        let mut is_longer = false;
+        for i in alike.values().flatten() {
+            if lengths[*i] < parts[*i].len() {
+                lengths[*i] += 1;
+                is_longer = true;
+            }
+        }
+        if is_longer {
+            continue;
+        }
+        // Paths that differ in nothing that a name could show.
+        return names
+            .iter()
+            .enumerate()
+            .map(|(i, name)| {
+                let same = alike.get(&name.to_lowercase());
+                let before = same.and_then(|same| same.iter().position(|j| files[*j] == files[i]));
+                match before {
+                    Some(n @ 1..) => format!("{name}-{}", n + 1),
+                    _ => name.clone(),
+                }
+            })
+            .collect();
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn files_of_one_name_are_told_apart_by_their_folders() {
+        let names = |files: &[&str]| {
+            let files: Vec<PathBuf> = files.iter().map(PathBuf::from).collect();
+            names_apart(&files, Path::file_stem)
+        };
+        assert_eq!(names(&["x/a.png", "x/b.png"]), ["a", "b"]);
+        assert_eq!(
+            names(&["r/a/1.png", "r/b/1.png", "r/b/2.png", "r/a/1.png"]),
+            ["a_1", "b_1", "2", "a_1"]
+        );
+        assert_eq!(names(&["r/a/x/1.png", "r/b/x/1.PNG"]), ["a_x_1", "b_x_1"]);
+        assert_eq!(names(&["A.png", "a.jpg", "c/a.png"]), ["A", "a-2", "c_a"]);
+        assert_eq!(names(&["1.png", "../1.png"]), ["1", "1-2"]);
+    }
 
     #[test]
     fn failure_keeps_the_old_file_and_leaves_no_partial_one() -> io::Result<()> {

@@ -1,5 +1,9 @@
 //! Library behind the native tool `landline`: data set readers, labels, training, evaluation, model conversion.
 
+// First, because modules below it print with its macros.
+#[macro_use]
+pub mod output;
+
 pub mod args;
 pub mod asked;
 pub mod augment;

@@ -62,7 +62,8 @@ fn main() -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {}", landline_mapper::shown::told(&error));
+            let told = landline_mapper::shown::told(&error);
+            landline_mapper::output::err(format_args!("error: {told}\n"));
             ExitCode::FAILURE
         }
     }

@@ -1,6 +1,6 @@
 //! `landline lines`: detects the line segments of pictures.
 
-use crate::files::write_bytes;
+use crate::files::{names_apart, write_bytes};
 use crate::picture;
 use anyhow::{Context, Result, bail};
 use base64::Engine as _;
@@ -13,7 +13,7 @@ use landline::lsd::post::{self, Direction, PostParams, Rank};
 use landline::lsd::{LsdParams, LsdScratch, LsdVersion, MergeParams, detect};
 use serde::Serialize;
 use std::fmt::Write as _;
-use std::io::{Cursor, Write as _};
+use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
 /// Detects line segments (LSD) and prints them, in corner-based pixels of the upright picture.
@@ -135,7 +135,8 @@ pub fn run(args: Args) -> Result<()> {
         },
     };
     let mut scratch = LsdScratch::default();
-    for path in &args.images {
+    let names = names_apart(&args.images, Path::file_name);
+    for (path, name) in args.images.iter().zip(&names) {
         let gray = picture::read_gray(path)?;
         let mut segments = Vec::new();
         let mut times = Vec::new();
@@ -156,7 +157,11 @@ pub fn run(args: Args) -> Result<()> {
         });
         print(path, &gray, &segments, timing, args.json)?;
         if let Some(out) = &args.svg {
-            let out = drawing_path(out, path, args.images.len() > 1);
+            // With several pictures `out` is a folder that gets one SVG for each.
+            let out = match args.images.len() {
+                1 => out.clone(),
+                _ => out.join(format!("{name}.svg")),
+            };
             write_bytes(&out, &drawing(&out, path, &gray, &segments)?)?;
         }
     }
@@ -171,7 +176,6 @@ fn print(
     as_json: bool,
 ) -> Result<()> {
     let name = path.to_string_lossy();
-    let mut out = std::io::stdout().lock();
     if as_json {
         let record = Record {
             image: &name,
@@ -181,27 +185,22 @@ fn print(
             median_ms: timing.map(|t| t.median_ms),
             min_ms: timing.map(|t| t.min_ms),
         };
-        writeln!(out, "{}", serde_json::to_string(&record)?)?;
+        println!("{}", serde_json::to_string(&record)?);
         return Ok(());
     }
-    write!(
-        out,
+    print!(
         "# {name}: {}x{}, {} segments",
         gray.width,
         gray.height,
         segments.len()
-    )?;
+    );
     if let Some(t) = timing {
-        write!(
-            out,
-            ", median {:.2} ms, least {:.2} ms",
-            t.median_ms, t.min_ms
-        )?;
+        print!(", median {:.2} ms, least {:.2} ms", t.median_ms, t.min_ms);
     }
-    writeln!(out, "\n# x1 y1 x2 y2 width -log10(NFA)")?;
+    println!("\n# x1 y1 x2 y2 width -log10(NFA)");
     for segment in segments {
         let [x1, y1, x2, y2, width, nfa] = row(segment);
-        writeln!(out, "{x1:.3} {y1:.3} {x2:.3} {y2:.3} {width:.3} {nfa:.3}")?;
+        println!("{x1:.3} {y1:.3} {x2:.3} {y2:.3} {width:.3} {nfa:.3}");
     }
     Ok(())
 }
@@ -215,17 +214,6 @@ fn row(s: &Segment2) -> [f64; 6] {
         s.width_px,
         s.neg_log10_nfa,
     ]
-}
-
-/// With several pictures `out` is a folder that gets one SVG for each.
-fn drawing_path(out: &Path, picture: &Path, is_folder: bool) -> PathBuf {
-    if is_folder {
-        let mut name = picture.file_name().unwrap_or_default().to_owned();
-        name.push(".svg");
-        out.join(name)
-    } else {
-        out.to_owned()
-    }
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -315,16 +303,6 @@ fn png(path: &Path, segments: &[Segment2]) -> Result<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn several_pictures_get_a_folder() {
-        let out = Path::new("out");
-        assert_eq!(
-            drawing_path(out, Path::new("a/b.jpg"), true),
-            Path::new("out/b.jpg.svg")
-        );
-        assert_eq!(drawing_path(out, Path::new("a/b.jpg"), false), out);
-    }
 
     #[test]
     fn drawings_hold_every_segment() -> Result<()> {

@@ -6,6 +6,7 @@
 //! `cam_from_world` with OpenCV camera axes (x right, y down, z forward); lengths are metres when the scene is metric.
 
 pub mod features;
+pub mod formats;
 pub mod front_end;
 pub mod geometry;
 pub mod image;

@@ -1,6 +1,6 @@
 //! Arguments that several commands share. A command imports these and what does its work, never another command.
 
-use crate::dataset::{DataArgs, expressed};
+use crate::dataset::DataArgs;
 use crate::metres::{Distance, Metres, parse_distance};
 use crate::posing::PosingRequest;
 use crate::refining::{RefinePoses, RefiningRequest};
@@ -16,6 +16,7 @@ use anyhow::Result;
 #[cfg(feature = "train")]
 use anyhow::bail;
 use clap::ValueEnum;
+use landline::formats::expressed;
 use landline::geometry::CameraRecord;
 #[cfg(feature = "train")]
 use landline::models::{Preset, RegressorConfig};

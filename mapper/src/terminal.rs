@@ -36,6 +36,7 @@ impl Observer for Terminal {
     fn happened(&mut self, event: &Event<'_>) {
         match event {
             Event::Features { .. } => Bars.happened(event),
+            Event::Turned(turned) => println!("{turned}"),
             Event::Labels { stats, seconds } => {
                 print!("{stats}");
                 println!("  time               {seconds:.1} s");

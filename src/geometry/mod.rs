@@ -2,6 +2,7 @@
 //!
 //! Spaces: world (right-handed, metres when metric), camera (x right, y down, z forward), image (corner-based pixels).
 
+mod axes;
 mod camera;
 mod pixel;
 mod scene_scale;
@@ -10,6 +11,7 @@ mod similarity;
 mod spaces;
 mod units;
 
+pub use axes::CameraAxes;
 pub use camera::{Camera, CameraError, CameraModel, CameraRecord, ColmapModel};
 pub use pixel::{Pixel, PixelMap, Sensor, Working, WorkingFromSensor};
 pub use scene_scale::SceneScale;

@@ -182,8 +182,10 @@ pub async fn map_film(
     let seen: Vec<PosedView<'_>> = registered
         .filter_map(|(view, pose)| Some(PosedView::new(camera, (*pose)?, &view.features)))
         .collect();
-    check_poses(&seen, &params.tracks)?;
-    let mut stats = TrackStats::default();
+    let mut stats = TrackStats {
+        agreement: check_poses(&seen, &params.tracks)?,
+        ..TrackStats::default()
+    };
     let mut watch = Watch::new(observer);
     let points = point_tracks(&seen, &params.tracks, &mut stats, &mut watch).await?;
     let lines = line_tracks(&seen, &params.tracks, &stats, &mut watch).await?;

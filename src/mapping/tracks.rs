@@ -2,9 +2,9 @@
 
 use crate::features::FeatureSet;
 use crate::reconstruction::{
-    LineParams, LineTrack, MatchParams, Misreading, PIECE, PairParams, PointParams, PointTrack,
-    PosedView, Reconstruction, Stage, Watch, build_line_tracks, build_point_tracks,
-    check_convention, choose_pairs, line_pairs, match_pairs, probe_depth,
+    ConventionCheck, LineParams, LineTrack, MatchParams, Misreading, PIECE, PairParams,
+    PointParams, PointTrack, PosedView, Reconstruction, Stage, Watch, build_line_tracks,
+    build_point_tracks, check_convention, choose_pairs, line_pairs, match_pairs, probe_depth,
 };
 
 /// Every setting of the stage.
@@ -18,6 +18,8 @@ pub struct TrackParams {
     pub points: PointParams,
     /// What makes a line track.
     pub lines: LineParams,
+    /// Poses are used even where the matches contradict them.
+    pub trust_poses: bool,
 }
 
 /// Why there are no tracks.
@@ -41,6 +43,15 @@ pub enum TrackError {
         /// What they seem to be.
         misreading: Misreading,
     },
+    /// The poses are not those of the pictures, for a reason that is none of the usual ones.
+    #[error(
+        "the poses contradict the pictures: {agree:.0} % of the matches between neighbours agree with them, and no usual mistake \
+         explains the others. Check that poses, intrinsics and pictures belong together; --trust-poses uses them as they are"
+    )]
+    PosesContradicted {
+        /// Per cent.
+        agree: f64,
+    },
     /// Nothing can be triangulated.
     #[error(
         "no two training pictures see the same things from different places: of {num_pictures} pictures, {what}. \
@@ -57,6 +68,9 @@ pub enum TrackError {
     Stopped,
 }
 
+/// Share of the keypoints that get a target where poses and intrinsics are right and pictures overlap: 0.55 to 0.95 in real rooms.
+const USUALLY_LABELLED: f64 = 0.2;
+
 /// What happened, for the report.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TrackStats {
@@ -64,6 +78,9 @@ pub struct TrackStats {
     pub depth: f64,
     /// Pairs of pictures that look at the same things.
     pub pairs: Vec<(usize, usize)>,
+    /// Median share of the matches between neighbours that agree with the poses, none of which the poses had a say in; `None` where
+    /// too few pictures follow each other.
+    pub agreement: Option<f64>,
     /// Matches that agree with the poses.
     pub num_matches: usize,
     /// Point tracks.
@@ -119,24 +136,35 @@ fn seen(tracks: impl Iterator<Item = (usize, f32)>) -> (f64, f64) {
     (num, sum / f64::max(num, 1.0))
 }
 
-/// Refuses poses that are too few, or are not what they are said to be.
+/// Refuses poses that are too few, or are not what they are said to be. Says how well they agree with the pictures.
 ///
 /// # Errors
-/// [`TrackError::TooFewPictures`], [`TrackError::PoseConvention`].
-pub fn check_poses(views: &[PosedView<'_>], params: &TrackParams) -> Result<(), TrackError> {
+/// [`TrackError::TooFewPictures`], [`TrackError::PoseConvention`], [`TrackError::PosesContradicted`].
+pub fn check_poses(
+    views: &[PosedView<'_>],
+    params: &TrackParams,
+) -> Result<Option<f64>, TrackError> {
     if views.len() < 2 {
         return Err(TrackError::TooFewPictures(views.len()));
     }
-    if let Some(check) = check_convention(views, 40, params.matches.min_cosine)
-        && let Some(misreading) = check.misreading()
-    {
+    let Some(check) = check_convention(views, 40, params.matches.min_cosine) else {
+        return Ok(None);
+    };
+    let as_given = 100.0 * check.as_given;
+    if params.trust_poses {
+        return Ok(Some(check.as_given));
+    }
+    if let Some(misreading) = check.misreading() {
         return Err(TrackError::PoseConvention {
-            as_given: 100.0 * check.as_given,
+            as_given,
             other: 100.0 * check.best_other.1,
             misreading,
         });
     }
-    Ok(())
+    if check.is_refused() {
+        return Err(TrackError::PosesContradicted { agree: as_given });
+    }
+    Ok(Some(check.as_given))
 }
 
 /// Triangulated points; fills in depth, pairs and matches.
@@ -210,6 +238,20 @@ impl std::fmt::Display for TrackStats {
         writeln!(f, "  typical depth      {:.2}", self.depth)?;
         writeln!(f, "  pairs              {}", self.pairs.len())?;
         writeln!(f, "  matches            {}", self.num_matches)?;
+        if let Some(share) = self.agreement {
+            let percent = 100.0 * share;
+            writeln!(
+                f,
+                "  poses              {percent:.0} % of the matches between neighbours agree with them"
+            )?;
+            if share < ConventionCheck::USUAL {
+                writeln!(
+                    f,
+                    "  warning: with right poses and intrinsics more than {:.0} % do as a rule; something about them is off",
+                    100.0 * ConventionCheck::USUAL
+                )?;
+            }
+        }
         writeln!(
             f,
             "  3D points          {}, seen {:.1} times, {:.2} px mean error",
@@ -220,6 +262,13 @@ impl std::fmt::Display for TrackStats {
             "  keypoints          {:.0} of {:.0} labelled in a picture",
             self.labelled_keypoints, self.keypoints
         )?;
+        if self.labelled_keypoints < USUALLY_LABELLED * self.keypoints {
+            writeln!(
+                f,
+                "  warning: as a rule more than {:.0} % are; poses or intrinsics are off, or the pictures share little",
+                100.0 * USUALLY_LABELLED
+            )?;
+        }
         writeln!(
             f,
             "  3D lines           {}, {:.2} px mean error",

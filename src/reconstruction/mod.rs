@@ -31,7 +31,7 @@ mod two_view;
 mod view;
 mod watch;
 
-pub use convention::{ConventionCheck, Misreading, check_convention};
+pub use convention::{ConventionCheck, Misreading, agreement, check_convention};
 pub use cover::cover;
 pub use focal::{FOCAL_PRIOR, FOCAL_RANGE, FocalVote, vote_focal};
 pub use lines::{KnownLine, LineParams, assign_segments, build_line_tracks, line_pairs};

@@ -1,13 +1,14 @@
 //! `landline locate`: the camera pose of pictures.
 
-use crate::dataset::camera::expressed;
 use crate::device::{self, Device};
 use crate::eval::PoseError;
+use crate::files::names_apart;
 use crate::overlay;
 use crate::picture;
 use crate::scene::{ExtractorArgs, KernelArgs, read_scene, relocalizer};
 use crate::shown::shown;
 use anyhow::{Context, Result, ensure};
+use landline::formats::expressed;
 use landline::geometry::{Camera, CameraRecord};
 use landline::image::{FrameView, PixelFormat};
 use landline::relocalizer::{NotLocated, Outcome, Query, Relocalizer, RelocalizerOptions, Report};
@@ -72,9 +73,10 @@ pub fn run(args: Args) -> Result<()> {
         worst: Apart::default(),
     };
     let mut num_failed = 0;
-    for path in &args.pictures {
+    let names = names_apart(&args.pictures, Path::file_stem);
+    for (path, name) in args.pictures.iter().zip(&names) {
         // A picture that cannot be read does not keep the others from being located.
-        if let Err(error) = locate(&mut both, path, given, &args) {
+        if let Err(error) = locate(&mut both, (path, name), given, &args) {
             eprintln!("error: {}", crate::shown::told(&error));
             num_failed += 1;
         }
@@ -149,7 +151,13 @@ struct Told {
     reason: Option<NotLocated>,
 }
 
-fn locate(both: &mut Both, path: &Path, given: Option<Camera>, args: &Args) -> Result<()> {
+/// Locates a picture, that is given with a name among the others.
+fn locate(
+    both: &mut Both,
+    (path, name): (&Path, &str),
+    given: Option<Camera>,
+    args: &Args,
+) -> Result<()> {
     let rgb = picture::read(path)?.into_rgb8();
     let query = Query {
         camera: given,
@@ -191,7 +199,6 @@ fn locate(both: &mut Both, path: &Path, given: Option<Camera>, args: &Args) -> R
         print_report(path, &report, &told);
     }
     if let (Some(folder), Some(drawn)) = (&args.overlay, drawn) {
-        let name = path.file_stem().unwrap_or_default().to_string_lossy();
         let target = folder.join(format!("{name}.overlay.png"));
         picture::write_png(&drawn, &target)?;
         if !args.json {

@@ -1,12 +1,12 @@
 //! `landline place`: many rooms as one place.
 
 use crate::asked::{Asking, RoomPictures};
-use crate::dataset::camera::expressed;
 use crate::place::PlaceFiles;
 use crate::scene::ExtractorArgs;
 use crate::shown::{shown, told};
 use anyhow::{Result, ensure};
 use clap::Subcommand;
+use landline::formats::expressed;
 use landline::geometry::CameraRecord;
 use std::path::PathBuf;
 

@@ -3,12 +3,12 @@
 //! Their own readers match the three by sort order, so that one lost file gives every later picture its neighbour's pose.
 //! Here the names decide; order counts only where names have nothing in common.
 
-use super::camera::expressed;
 use super::cameras::of_this_size;
 use super::pictures::list_files;
-use super::seven_scenes::{pose_of, read_pose};
-use super::text::TextFile;
+use super::seven_scenes::pose_of;
+use super::text::read_text;
 use super::{Dataset, DatasetError, DatasetImage, Split};
+use landline::formats::expressed;
 use landline::geometry::{Camera, CameraRecord};
 use landline::scene_file::Units;
 use std::collections::{HashMap, HashSet};
@@ -41,7 +41,7 @@ pub(super) fn read(root: &Path) -> Result<Dataset, DatasetError> {
                 dataset.drop_image(name, "no pose or no calibration of the picture's name");
                 continue;
             };
-            let world_from_cam = match pose_of(&read_pose(&pose)?) {
+            let world_from_cam = match pose_of(&pose)? {
                 Ok(t) => t,
                 Err(problem) => {
                     dataset.drop_image(name, format!("pose: {problem}"));
@@ -75,7 +75,7 @@ pub(super) fn read(root: &Path) -> Result<Dataset, DatasetError> {
 
 /// A calibration is one focal length, or a 3x3 matrix.
 fn camera(path: &Path, size: (u32, u32)) -> Result<Camera, DatasetError> {
-    let file = TextFile::read(path)?;
+    let file = read_text(path)?;
     let mut v = Vec::new();
     for line in file.lines() {
         v.extend(line.finite(&line.fields())?);

@@ -1,11 +1,11 @@
 //! What to read and how, as the command line gives it. The only module here that knows clap; readers get what they need of it
 //! as plain values.
 
-use super::axes::CameraAxes;
-use super::camera::expressed;
 use super::split::IndexRange;
 use super::world::{UnitsArg, parse_vector};
-use landline::geometry::CameraRecord;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use landline::formats::{PoseDirection, QuaternionOrder, expressed};
+use landline::geometry::{CameraAxes, CameraRecord};
 use std::path::PathBuf;
 
 /// Which data, and how to read it.
@@ -23,10 +23,10 @@ pub struct DataArgs {
     #[arg(long, value_name = "FILE")]
     pub poses: Option<PathBuf>,
     /// What the poses of a list map.
-    #[arg(long, value_enum)]
+    #[arg(long, value_name = "DIRECTION", value_parser = pose_direction())]
     pub pose_direction: Option<PoseDirection>,
     /// Order of the numbers of quaternions in a list or a COLMAP model.
-    #[arg(long, value_enum, value_name = "ORDER")]
+    #[arg(long, value_name = "ORDER", value_parser = quaternion_order())]
     pub quaternions: Option<QuaternionOrder>,
     /// Where x, y and z of the camera point in the file: opencv, opengl, ros, or words as right-up-back.
     #[arg(long, value_name = "AXES")]
@@ -124,35 +124,6 @@ pub enum Format {
     QueryList,
 }
 
-/// What a pose of a file maps.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum PoseDirection {
-    /// World points into camera space (COLMAP).
-    CamFromWorld,
-    /// Camera points into the world; its translation is the camera's position.
-    WorldFromCam,
-}
-
-/// Order of a quaternion's numbers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
-pub enum QuaternionOrder {
-    /// The real part first (COLMAP, Eigen's constructor).
-    #[default]
-    Wxyz,
-    /// The real part last (ROS, scipy, TUM RGB-D).
-    Xyzw,
-}
-
-impl QuaternionOrder {
-    /// The real part first, of numbers as the file has them.
-    pub(super) fn wxyz(self, [a, b, c, d]: [f64; 4]) -> [f64; 4] {
-        match self {
-            Self::Wxyz => [a, b, c, d],
-            Self::Xyzw => [d, a, b, c],
-        }
-    }
-}
-
 /// Whose poses the files of a 7-Scenes folder are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum PoseCamera {
@@ -162,13 +133,49 @@ pub enum PoseCamera {
     Color,
 }
 
-impl std::fmt::Display for PoseDirection {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::CamFromWorld => "camera from world",
-            Self::WorldFromCam => "world from camera",
-        })
-    }
+/// The words for values of an option whose type knows no command line, with their help.
+fn words<T: Clone + Send + Sync + 'static, const N: usize>(
+    all: [(&'static str, T, &'static str); N],
+) -> impl TypedValueParser<Value = T> {
+    let told = all
+        .each_ref()
+        .map(|(word, _, help)| PossibleValue::new(*word).help(*help));
+    PossibleValuesParser::new(told).try_map(move |given| {
+        let found = all.iter().find(|(word, ..)| *word == given);
+        found
+            .map(|(_, value, _)| value.clone())
+            .ok_or("not one of them")
+    })
+}
+
+fn pose_direction() -> impl TypedValueParser<Value = PoseDirection> {
+    words([
+        (
+            "cam-from-world",
+            PoseDirection::CamFromWorld,
+            "World points into camera space (COLMAP)",
+        ),
+        (
+            "world-from-cam",
+            PoseDirection::WorldFromCam,
+            "Camera points into the world; its translation is the camera's position",
+        ),
+    ])
+}
+
+fn quaternion_order() -> impl TypedValueParser<Value = QuaternionOrder> {
+    words([
+        (
+            "wxyz",
+            QuaternionOrder::Wxyz,
+            "The real part first (COLMAP, Eigen's constructor)",
+        ),
+        (
+            "xyzw",
+            QuaternionOrder::Xyzw,
+            "The real part last (ROS, scipy, TUM RGB-D)",
+        ),
+    ])
 }
 
 /// A camera from the command line: MODEL,width,height,parameters.

@@ -1,45 +1,12 @@
 //! Cameras that come beside the poses: one for all, a list by name, or a `K.txt`.
 
 use super::DatasetError;
-use super::camera::{CameraRecordError, expressed};
-use super::names::Names;
 use super::pictures::FoundPicture;
-use super::text::{Line, TextFile};
+use super::text::read_text;
+use landline::formats::list::query_line;
+use landline::formats::{CameraRecordError, Names, expressed};
 use landline::geometry::{Camera, CameraModel, CameraRecord, PixelMap};
 use std::path::Path;
-
-/// Which field of a query list is the camera model: the first after the name, which may hold spaces, that looks like one.
-pub(super) fn model_at(fields: &[&str]) -> Option<usize> {
-    let is_model = |model: &&str| {
-        model.len() > 2
-            && model
-                .chars()
-                .all(|c| c.is_ascii_uppercase() || c.is_ascii_digit() || c == '_')
-            && model.parse::<f64>().is_err()
-    };
-    fields.iter().skip(1).position(is_model).map(|at| at + 1)
-}
-
-/// A line `name MODEL width height parameters...` of hloc's query lists.
-pub(super) fn query_line(line: &Line<'_>) -> Result<(String, CameraRecord), DatasetError> {
-    let Some(at) = model_at(&line.fields()) else {
-        return Err(line.error("expected `name MODEL width height parameters...`"));
-    };
-    let (name, rest) = line.split_at(at);
-    let fields: Vec<&str> = rest.split_whitespace().collect();
-    let (&[model, width, height], params) = fields
-        .split_first_chunk::<3>()
-        .ok_or_else(|| line.error("expected `name MODEL width height parameters...`"))?;
-    Ok((
-        name.to_owned(),
-        CameraRecord {
-            model: model.to_owned(),
-            width: line.number(width)?,
-            height: line.number(height)?,
-            params: line.finite(params)?,
-        },
-    ))
-}
 
 /// Where cameras come from when a list has none.
 #[derive(Default)]
@@ -63,7 +30,7 @@ impl CameraSource {
 
     /// Reads a query list for its cameras.
     pub(super) fn read_cameras(&mut self, path: &Path) -> Result<(), DatasetError> {
-        let file = TextFile::read(path)?;
+        let file = read_text(path)?;
         let (names, records): (Vec<String>, Vec<CameraRecord>) = file
             .lines()
             .map(|line| query_line(&line))
@@ -76,7 +43,7 @@ impl CameraSource {
 
     /// Reads a 3x3 matrix. Such files count pixel centres as integers (OpenCV), so half a pixel is added.
     pub(super) fn read_k(&mut self, path: &Path) -> Result<(), DatasetError> {
-        let file = TextFile::read(path)?;
+        let file = read_text(path)?;
         let mut v = Vec::new();
         for line in file.lines() {
             v.extend(line.finite(&line.fields())?);

@@ -1,6 +1,6 @@
 //! Writes COLMAP sparse models, binary and text side by side, as COLMAP, pycolmap and everything built on them read them.
 
-use super::camera::colmap_model;
+use landline::formats::colmap_model;
 use landline::geometry::{CamFromWorld, Camera, CameraRecord, Pixel};
 use nalgebra::Vector3;
 use std::fmt::Write as _;

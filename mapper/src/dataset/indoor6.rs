@@ -1,12 +1,11 @@
 //! Indoor-6 folders: `images/NAME.color.jpg` beside `NAME.pose.txt` (3x4, camera from world) and `NAME.intrinsics.txt`
 //! (`W H f cx cy ...`), and `train_test_val.pkl`.
 
-use super::camera::expressed;
 use super::pictures::{FoundPicture, Pictures, list_files};
-use super::pose_check::{block_and_translation, rigid_from_matrix};
-use super::text::TextFile;
+use super::text::read_text;
 use super::{Dataset, DatasetError, DatasetImage, Split};
 use crate::import::pickle::{Arena, Value};
+use landline::formats::{block_and_translation, expressed, rigid_from_matrix};
 use landline::geometry::CameraRecord;
 use landline::scene_file::Units;
 use std::collections::HashMap;
@@ -79,13 +78,13 @@ pub(super) fn read(root: &Path, pictures: &Pictures) -> Result<Dataset, DatasetE
             continue;
         };
         let name = format!("{stem}.color.jpg");
-        let intrinsics = TextFile::read(&file)?;
+        let intrinsics = read_text(&file)?;
         let Some(line) = intrinsics.lines().next() else {
             return Err(DatasetError::missing(&file, "it is empty"));
         };
         let fields = line.fields();
         let Some(&[w, h, f, cx, cy]) = fields.first_chunk::<5>() else {
-            return Err(line.error("expected `W H f cx cy`"));
+            return Err(line.error("expected `W H f cx cy`").into());
         };
         let side = |v: &str| {
             line.number::<f64>(v)
@@ -99,7 +98,7 @@ pub(super) fn read(root: &Path, pictures: &Pictures) -> Result<Dataset, DatasetE
         };
         let camera = expressed(&record).map_err(|e| line.error(e))?;
         let pose_file = file.with_file_name(format!("{stem}.pose.txt"));
-        let pose_text = TextFile::read(&pose_file)?;
+        let pose_text = read_text(&pose_file)?;
         let mut numbers = Vec::with_capacity(12);
         for line in pose_text.lines() {
             for field in line.fields() {

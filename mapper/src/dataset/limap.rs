@@ -3,9 +3,9 @@
 //! Segment files of any detector in that layout will do; the tracks may be missing. Fields are separated by any white
 //! space, because versions differ. Segment ends count pixel centres as integers, so half a pixel is added.
 
-use super::names::Names;
-use super::text::TextFile;
+use super::text::read_text;
 use super::{Dataset, DatasetError, ModelLine, segment_scale};
+use landline::formats::Names;
 use nalgebra::Vector3;
 use std::collections::HashMap;
 use std::path::Path;
@@ -14,12 +14,12 @@ use std::path::Path;
 pub(super) fn read_into(folder: &Path, dataset: &mut Dataset) -> Result<(), DatasetError> {
     dataset.sources.push(folder.to_owned());
     let known = Names::new(dataset.images.iter().map(|i| i.name.as_str()));
-    let list = TextFile::read(&folder.join("image_list.txt"))?;
+    let list = read_text(&folder.join("image_list.txt"))?;
     let mut position_of_id: HashMap<u64, usize> = HashMap::new();
     let mut unknown: Vec<&str> = Vec::new();
     for line in list.lines() {
         let Some((id, name)) = line.text.split_once(',') else {
-            return Err(line.error("expected `id, name`"));
+            return Err(line.error("expected `id, name`").into());
         };
         // The header reads `number of images, N`.
         if id.trim().starts_with("number") {
@@ -80,7 +80,7 @@ pub(super) fn read_into(folder: &Path, dataset: &mut Dataset) -> Result<(), Data
 }
 
 fn read_segments(path: &Path) -> Result<Vec<[f64; 4]>, DatasetError> {
-    let file = TextFile::read(path)?;
+    let file = read_text(path)?;
     let mut lines = file.lines();
     let Some(header) = lines.next() else {
         return Ok(Vec::new());
@@ -90,15 +90,19 @@ fn read_segments(path: &Path) -> Result<Vec<[f64; 4]>, DatasetError> {
     for line in lines {
         let v = line.finite(&line.fields())?;
         let Some(&[x1, y1, x2, y2]) = v.first_chunk::<4>() else {
-            return Err(line.error(format!("expected `x1 y1 x2 y2`, found {} numbers", v.len())));
+            return Err(line
+                .error(format!("expected `x1 y1 x2 y2`, found {} numbers", v.len()))
+                .into());
         };
         segments.push([x1 + 0.5, y1 + 0.5, x2 + 0.5, y2 + 0.5]);
     }
     if segments.len() != count {
-        return Err(header.error(format!(
-            "{count} segments are announced, {} follow",
-            segments.len()
-        )));
+        return Err(header
+            .error(format!(
+                "{count} segments are announced, {} follow",
+                segments.len()
+            ))
+            .into());
     }
     Ok(segments)
 }
@@ -108,7 +112,7 @@ fn read_tracks(
     position_of_id: &HashMap<u64, usize>,
     segments: &[Vec<[f64; 4]>],
 ) -> Result<Vec<ModelLine>, DatasetError> {
-    let file = TextFile::read(path)?;
+    let file = read_text(path)?;
     // Lists of a track may be empty lines, so none is skipped.
     let mut lines = file.all_lines();
     let Some(header) = lines.next() else {
@@ -131,18 +135,22 @@ fn read_tracks(
             let v = line.finite(&line.fields())?;
             match v.as_slice() {
                 &[x, y, z] => Ok(Vector3::new(x, y, z)),
-                _ => Err(line.error(format!("expected x y z, found {} numbers", v.len()))),
+                _ => Err(line
+                    .error(format!("expected x y z, found {} numbers", v.len()))
+                    .into()),
             }
         };
         let (start_in_world, end_in_world) = (point()?, point()?);
         let (images, ids) = (next()?, next()?);
         let (image_fields, id_fields) = (images.fields(), ids.fields());
         if image_fields.len() != id_fields.len() {
-            return Err(ids.error(format!(
-                "{} segments for {} pictures",
-                id_fields.len(),
-                image_fields.len()
-            )));
+            return Err(ids
+                .error(format!(
+                    "{} segments for {} pictures",
+                    id_fields.len(),
+                    image_fields.len()
+                ))
+                .into());
         }
         let mut observations = Vec::new();
         for (image, segment) in image_fields.iter().zip(&id_fields) {
@@ -153,9 +161,11 @@ fn read_tracks(
             };
             let num_segments = segments.get(*position).map_or(0, Vec::len);
             if segment >= num_segments {
-                return Err(ids.error(format!(
-                    "segment {segment} of picture {image}, which has {num_segments}"
-                )));
+                return Err(ids
+                    .error(format!(
+                        "segment {segment} of picture {image}, which has {num_segments}"
+                    ))
+                    .into());
             }
             observations.push((*position, segment));
         }

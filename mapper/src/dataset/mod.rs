@@ -5,18 +5,14 @@
 
 mod ace;
 mod args;
-mod axes;
-pub mod camera;
 mod cameras;
 mod colmap;
 mod colmap_write;
 mod finish;
 mod indoor6;
 mod limap;
-mod names;
 mod open;
 mod pictures;
-mod pose_check;
 mod pose_list;
 mod segment_scale;
 mod seven_scenes;
@@ -27,16 +23,14 @@ mod transforms;
 mod tum;
 mod world;
 
-pub use args::{DataArgs, Format, PoseCamera, PoseDirection, QuaternionOrder, parse_camera};
-pub use axes::CameraAxes;
-pub use camera::expressed;
+pub use args::{DataArgs, Format, PoseCamera, parse_camera};
 pub use colmap_write::{WrittenImage, WrittenModel, WrittenPoint};
 pub use open::{has_poses, open};
-pub use pose_check::{PoseProblem, rigid_from_matrix};
 pub use split::{IndexRange, Split};
 pub use world::{UnitsArg, check_scale, gravity_from_up, parse_vector};
 
-use landline::geometry::{CamFromWorld, Camera};
+use landline::formats::FormatError;
+use landline::geometry::{CamFromWorld, Camera, CameraAxes};
 use landline::scene_file::Units;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -122,6 +116,8 @@ pub struct Dataset {
     pub gravity: Option<nalgebra::Vector3<f64>>,
     /// Where the axes of the camera point in the file.
     pub camera_axes: CameraAxes,
+    /// Poses are used as they are, even where the pictures contradict them.
+    pub trust_poses: bool,
     /// Turned pictures that can be read in two ways.
     pub undecided: Vec<Undecided>,
     /// Cameras of the stored pixels of turned pictures, by name, until the pictures are fitted.
@@ -143,6 +139,7 @@ impl Dataset {
             units: Units::Arbitrary,
             gravity: None,
             camera_axes: CameraAxes::OPENCV,
+            trust_poses: false,
             undecided: Vec::new(),
             stored_cameras: HashMap::new(),
         }
@@ -186,16 +183,9 @@ pub enum DatasetError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// A line or record of a file does not parse.
-    #[error("{path}, {place}: {what}")]
-    Parse {
-        /// The file.
-        path: PathBuf,
-        /// Line or byte.
-        place: String,
-        /// What was found and what was expected.
-        what: String,
-    },
+    /// A file does not parse.
+    #[error(transparent)]
+    Format(#[from] FormatError),
     /// Nothing that a reader knows.
     #[error(
         "{path} is no data set that this tool knows: {what}. It reads COLMAP models, transforms.json, 7-Scenes and \
@@ -215,16 +205,6 @@ pub enum DatasetError {
         path: PathBuf,
         /// What is missing and how to give it.
         what: String,
-    },
-    /// Poses that are no rigid transforms.
-    #[error("{path}: pose of {name}: {problem}")]
-    Pose {
-        /// The file.
-        path: PathBuf,
-        /// The picture.
-        name: String,
-        /// What is wrong with it.
-        problem: PoseProblem,
     },
     /// A value of the command line that means nothing for this data set.
     #[error("{path}: {option} is {value}: {reason}")]
@@ -260,11 +240,7 @@ impl DatasetError {
     }
 
     fn parse(path: &Path, place: impl ToString, what: impl ToString) -> Self {
-        Self::Parse {
-            path: path.to_owned(),
-            place: place.to_string(),
-            what: what.to_string(),
-        }
+        FormatError::at(&path.display().to_string(), place, what).into()
     }
 
     fn missing(path: &Path, what: impl ToString) -> Self {

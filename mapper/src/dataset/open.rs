@@ -1,14 +1,14 @@
 //! Finds out what a path is and reads it.
 
 use super::args::{DataArgs, Format, PoseCamera};
-use super::axes::CameraAxes;
 use super::cameras::CameraSource;
 use super::finish::finish;
 use super::pictures::{MISSING, Pictures, list_files};
-use super::pose_list::{self, ListKind};
+use super::pose_list;
 use super::{Dataset, DatasetError, ace, colmap, indoor6, seven_scenes, split, transforms, tum};
 use crate::picture;
-use landline::geometry::CamFromWorld;
+use landline::formats::list::{ListKind, rank};
+use landline::geometry::{CamFromWorld, CameraAxes};
 use std::path::{Path, PathBuf};
 
 /// What a reader gets.
@@ -95,7 +95,7 @@ pub fn has_poses(args: &DataArgs) -> bool {
     let has_pictures = files.iter().any(|p| picture::has_known_ending(p));
     let is_list = |p: &PathBuf| {
         p.extension().is_some_and(|e| e.eq_ignore_ascii_case("txt"))
-            && pose_list::sniff(p).is_some()
+            && pose_list::kind_of(p).is_some()
     };
     !has_pictures || READERS.iter().any(recognises) || files.iter().any(is_list)
 }
@@ -145,6 +145,7 @@ pub fn open(args: &DataArgs) -> Result<Dataset, DatasetError> {
         ));
     }
     apply_axes(&mut dataset, args.camera_axes);
+    dataset.trust_poses = args.trust_poses;
     finish(&mut dataset, args)?;
     Ok(dataset)
 }
@@ -236,29 +237,21 @@ fn find_list(source: &Source<'_>) -> Result<(PathBuf, ListKind, Option<String>),
     };
     if let Some(path) = named {
         std::fs::metadata(&path).map_err(DatasetError::io(&path))?;
-        let kind = forced.or_else(|| pose_list::sniff(&path)).ok_or_else(|| {
-            DatasetError::UnknownFormat {
+        let kind = forced
+            .or_else(|| pose_list::kind_of(&path))
+            .ok_or_else(|| DatasetError::UnknownFormat {
                 path: path.clone(),
                 what: "its first line is neither a pose nor a query".to_owned(),
-            }
-        })?;
+            })?;
         return Ok((path, kind, None));
     }
     let mut lists: Vec<(PathBuf, ListKind)> = list_files(root)?
         .into_iter()
         .filter(|p| p.extension().is_some_and(|e| e == "txt"))
-        .filter_map(|p| pose_list::sniff(&p).map(|kind| (p, kind)))
+        .filter_map(|p| pose_list::kind_of(&p).map(|kind| (p, kind)))
         .filter(|(_, kind)| *kind != ListKind::Query || args.format == Some(Format::QueryList))
         .collect();
-    // Structure-from-motion poses are the better reference where a set has several.
-    lists.sort_by_key(|(p, _)| {
-        let name = p
-            .file_name()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .to_lowercase();
-        (!name.contains("sfm"), name)
-    });
+    lists.sort_by_key(|(p, _)| rank(&p.to_string_lossy()));
     let mut lists = lists.into_iter();
     let Some((path, kind)) = lists.next() else {
         return Err(DatasetError::UnknownFormat {

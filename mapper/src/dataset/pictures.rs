@@ -1,9 +1,8 @@
 //! Where the pictures of a data set are.
 
-use super::names::{Found, Names, plain};
-use super::text::LFS_START;
 use super::{Dataset, DatasetError};
 use crate::picture;
+use landline::formats::{Found, LFS_START, Names, plain};
 use std::cell::OnceCell;
 use std::io::Read;
 use std::path::{Path, PathBuf};

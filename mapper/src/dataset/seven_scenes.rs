@@ -1,32 +1,19 @@
 //! 7-Scenes folders (`seq-01/frame-000000.{color.png,pose.txt}`, `TrainSplit.txt`, `TestSplit.txt`).
 //!
-//! The poses as shipped are those of the depth camera. One fixed rigid transform takes depth to colour; it was recovered
-//! by comparing shipped poses with published registered ones (deviation at most 0.2 mm).
+//! The poses as shipped are those of the depth camera ([`of_color_camera`]).
 
 use super::args::PoseCamera;
 use super::cameras::CameraSource;
 use super::pictures::{FoundPicture, Pictures, list_files};
-use super::pose_check::{block_and_translation, rigid_from_matrix};
-use super::text::TextFile;
+use super::text::read_text;
 use super::{Dataset, DatasetError, DatasetImage, Split};
-use landline::geometry::{CamFromWorld, WorldFromCam};
+use landline::formats::{PoseProblem, matrix, of_color_camera};
+use landline::geometry::WorldFromCam;
 use landline::scene_file::Units;
-use nalgebra::{Matrix3, Vector3};
 use std::path::{Path, PathBuf};
 
 /// Focal length of the colour camera, pixels at 640x480.
 const COLOR_FOCAL_PX: f64 = 525.0;
-
-/// Colour camera from depth camera.
-fn color_from_depth() -> (Matrix3<f64>, Vector3<f64>) {
-    (
-        Matrix3::new(
-            0.999965, 0.002676, -0.007903, -0.002741, 0.999963, -0.008150, 0.007881, 0.008172,
-            0.999936,
-        ),
-        Vector3::new(-0.025519, 0.000129, 0.001937),
-    )
-}
 
 /// Whether a folder has the layout of the original set.
 pub(super) fn is_original(root: &Path) -> bool {
@@ -51,7 +38,7 @@ fn sequences(root: &Path) -> Vec<PathBuf> {
 
 /// Sequences that a split file names: a line `sequence1` is the folder `seq-01`.
 fn split_file(path: &Path) -> Result<Vec<String>, DatasetError> {
-    let file = TextFile::read(path)?;
+    let file = read_text(path)?;
     file.lines()
         .map(|line| {
             let number: u32 = line.number(line.text.trim_start_matches("sequence"))?;
@@ -78,27 +65,9 @@ pub(super) fn apply_split_files(root: &Path, dataset: &mut Dataset) -> Result<()
     Ok(())
 }
 
-pub(super) fn read_pose(path: &Path) -> Result<Vec<f64>, DatasetError> {
-    let file = TextFile::read(path)?;
-    let mut numbers = Vec::with_capacity(16);
-    for line in file.lines() {
-        for field in line.fields() {
-            // Some sets write lost poses as inf or nan: that is a dropped picture, no broken file.
-            numbers.push(line.number::<f64>(field)?);
-        }
-    }
-    if numbers.len() != 16 {
-        return Err(DatasetError::missing(
-            path,
-            format!("expected a 4x4 matrix, found {} numbers", numbers.len()),
-        ));
-    }
-    Ok(numbers)
-}
-
-pub(super) fn pose_of(numbers: &[f64]) -> Result<WorldFromCam, super::PoseProblem> {
-    let (block, translation) = block_and_translation(numbers);
-    rigid_from_matrix(&block, translation)
+/// World from camera of a picture's own file, or why it is none.
+pub(super) fn pose_of(path: &Path) -> Result<Result<WorldFromCam, PoseProblem>, DatasetError> {
+    Ok(matrix(&read_text(path)?)?)
 }
 
 /// Reads the original layout.
@@ -111,7 +80,7 @@ pub(super) fn read_original(
     let mut dataset = Dataset::empty("7-Scenes");
     dataset.units = Units::Metres;
     dataset.sources.push(root.to_owned());
-    let (rotation, translation) = match poses_of {
+    match poses_of {
         PoseCamera::Depth => {
             dataset.notes.push(
                 "poses as shipped are of the depth camera: moved to the colour camera by the known transform \
@@ -122,21 +91,13 @@ pub(super) fn read_original(
                 "these poses (KinectFusion) are worse than structure-from-motion ones; --poses takes a list of those"
                     .to_owned(),
             );
-            color_from_depth()
         }
         PoseCamera::Color => {
             dataset
                 .notes
                 .push("poses taken as the colour camera's own".to_owned());
-            (Matrix3::identity(), Vector3::zeros())
         }
-    };
-    let color_from_depth: CamFromWorld =
-        rigid_from_matrix(&rotation, translation).map_err(|problem| DatasetError::Pose {
-            path: root.to_owned(),
-            name: "colour from depth".to_owned(),
-            problem,
-        })?;
+    }
     for folder in sequences(root) {
         let sequence = folder
             .file_name()
@@ -153,8 +114,8 @@ pub(super) fn read_original(
                 continue;
             };
             let base = format!("{sequence}/{stem}.color");
-            let world_from_depth = match pose_of(&read_pose(&pose_file)?) {
-                Ok(t) => t,
+            let of_file = match pose_of(&pose_file)? {
+                Ok(world_from_cam) => world_from_cam.inverse(),
                 Err(problem) => {
                     dataset.drop_image(base, format!("pose: {problem}"));
                     continue;
@@ -166,7 +127,6 @@ pub(super) fn read_original(
             else {
                 continue;
             };
-            let from_world = world_from_depth.inverse();
             let focal = COLOR_FOCAL_PX * f64::from(size.0) / 640.0;
             let camera = cameras
                 .camera(&name, size, Some(focal))
@@ -176,11 +136,10 @@ pub(super) fn read_original(
                 name,
                 path,
                 camera,
-                cam_from_world: Some(CamFromWorld::new(
-                    color_from_depth.rotation * from_world.rotation,
-                    color_from_depth.rotation * from_world.translation
-                        + color_from_depth.translation,
-                )),
+                cam_from_world: Some(match poses_of {
+                    PoseCamera::Depth => of_color_camera(&of_file),
+                    PoseCamera::Color => of_file,
+                }),
                 split: Split::Train,
             });
         }

@@ -1,9 +1,9 @@
 //! Which pictures teach and which ones test.
 
-use super::cameras::model_at;
-use super::names::{Found, Names};
-use super::text::TextFile;
+use super::text::read_text;
 use super::{Dataset, DatasetError};
+use landline::formats::list::model_at;
+use landline::formats::{Found, Names, TextFile};
 use std::collections::HashSet;
 use std::path::Path;
 use std::str::FromStr;
@@ -116,7 +116,7 @@ pub(super) fn apply_lists_beside(
         .flat_map(|folder| LISTS.iter().map(|list| folder.join(list)))
         .find(|path| path.is_file());
     let Some(path) = found else { return Ok(()) };
-    let listed = listed_names(&TextFile::read(&path)?);
+    let listed = listed_names(&read_text(&path)?);
     let known = KnownNames::new(dataset);
     if listed.iter().all(|name| known.of_image(name).is_none()) {
         dataset.notes.push(format!(
@@ -138,7 +138,7 @@ pub(super) fn apply_lists_beside(
 /// # Errors
 /// When a name is of no picture of the data set, or of several.
 pub(super) fn apply_list(path: &Path, dataset: &mut Dataset) -> Result<(), DatasetError> {
-    let listed = listed_names(&TextFile::read(path)?);
+    let listed = listed_names(&read_text(path)?);
     apply_names(path, &listed, dataset)
 }
 

@@ -3,15 +3,13 @@
 //! `applied_transform` and `applied_scale`, by which nerfstudio turned and scaled the world, are undone, so that the scene
 //! keeps the coordinates of its source. Nerfstudio's pixels are corner-based, as ours.
 
-use super::axes::CameraAxes;
-use super::camera::expressed;
 use super::cameras::of_this_size;
 use super::pictures::Pictures;
-use super::pose_check::rigid_from_matrix;
 use super::split::KnownNames;
-use super::text::TextFile;
+use super::text::read_text;
 use super::{Dataset, DatasetError, DatasetImage, Split};
-use landline::geometry::{Camera, CameraRecord, WorldFromCam};
+use landline::formats::{expressed, rigid_from_matrix};
+use landline::geometry::{Camera, CameraAxes, CameraRecord, WorldFromCam};
 use nalgebra::{Matrix3, Matrix4};
 use serde_json::Value;
 use std::collections::HashSet;
@@ -38,7 +36,7 @@ pub(super) fn read(
     pictures: &Pictures,
     own_split: bool,
 ) -> Result<Dataset, DatasetError> {
-    let file = TextFile::read(path)?;
+    let file = read_text(path)?;
     let root: Value = serde_json::from_str(&without_nan(file.content()))
         .map_err(|e| DatasetError::parse(path, format!("line {}", e.line()), e))?;
     let frames = root

@@ -3,9 +3,9 @@
 
 use super::cameras::CameraSource;
 use super::pictures::{FoundPicture, Pictures};
-use super::pose_check::rigid_from_quaternion;
-use super::text::TextFile;
+use super::text::read_text;
 use super::{Dataset, DatasetError, DatasetImage, Split};
+use landline::formats::rigid_from_quaternion;
 use landline::geometry::{Camera, CameraModel, WorldFromCam};
 use landline::scene_file::Units;
 use nalgebra::Vector3;
@@ -36,15 +36,17 @@ pub(super) fn read(
     dataset.units = Units::Metres;
     dataset.sources.push(root.to_owned());
     let truth_path = root.join("groundtruth.txt");
-    let truth = TextFile::read(&truth_path)?;
+    let truth = read_text(&truth_path)?;
     let mut poses: Vec<(f64, [f64; 7])> = Vec::new();
     for line in truth.lines() {
         let v = line.numbers(&line.fields())?;
         let &[t, tx, ty, tz, qx, qy, qz, qw] = v.as_slice() else {
-            return Err(line.error(format!(
-                "expected `t tx ty tz qx qy qz qw`, found {} numbers",
-                v.len()
-            )));
+            return Err(line
+                .error(format!(
+                    "expected `t tx ty tz qx qy qz qw`, found {} numbers",
+                    v.len()
+                ))
+                .into());
         };
         poses.push((t, [tx, ty, tz, qw, qx, qy, qz]));
     }
@@ -60,7 +62,7 @@ pub(super) fn read(
             "camera of {name} from the set's table, without lens distortion (--camera to change)"
         ));
     }
-    let list = TextFile::read(&root.join("rgb.txt"))?;
+    let list = read_text(&root.join("rgb.txt"))?;
     for line in list.lines() {
         let fields = line.fields();
         let Some(time) = fields.first() else {

@@ -77,8 +77,10 @@ pub fn build_from(
         })
         .collect();
     let posed: Vec<PosedView<'_>> = views.iter().filter_map(View::posed).collect();
-    check_poses(&posed, params)?;
-    let mut stats = TrackStats::default();
+    let mut stats = TrackStats {
+        agreement: check_poses(&posed, params)?,
+        ..TrackStats::default()
+    };
     let mut bars = StageBars::new(progress);
     let mut watch = Watch::new(&mut bars);
     let points = match &imported.points {

@@ -10,17 +10,20 @@
 
 mod observer;
 mod scene;
+mod turned;
 
 pub use landline::mapping::SceneRequest;
 pub use observer::{Event, Observer};
 pub use scene::{Measured, add_landmarks, measure_landmarks, scene_of_landmarks};
 #[cfg(feature = "train")]
 pub use scene::{Training, When, trained_scene};
+pub use turned::Turned;
 
 use crate::dataset::{Dataset, DatasetImage, Split};
 use crate::extract::{ExtractError, Extraction};
 use crate::labels::{Imported, LabelError, Labels, Origin, add_variants, build_from};
 use landline::mapping::{SceneError, TrackError, TrackParams, TrackStats};
+use landline::reconstruction::Misreading;
 use landline::regress::RegressError;
 use landline::scene_file::{SceneFile, SceneFileError};
 use std::time::Instant;
@@ -130,7 +133,7 @@ pub fn labels(
     observer: &mut dyn Observer,
 ) -> Result<(Labels, TrackStats), TeachError> {
     let positions = dataset.of_split(Split::Train);
-    let chosen: Vec<&DatasetImage> = positions.iter().map(|i| &dataset.images[*i]).collect();
+    let mut chosen: Vec<&DatasetImage> = positions.iter().map(|i| &dataset.images[*i]).collect();
     let num_posed = chosen.iter().filter(|i| i.cam_from_world.is_some()).count();
     if num_posed < 2 {
         // Before anything expensive happens.
@@ -155,14 +158,17 @@ pub fn labels(
     };
     let imported = Imported::new(dataset, &positions, model_points)?;
     let start = Instant::now();
-    let mut made = build_from(
-        &chosen,
-        features,
-        origin,
-        &imported,
-        &TrackParams::default(),
-        progress,
-    )?;
+    let params = TrackParams {
+        trust_poses: dataset.trust_poses,
+        ..TrackParams::default()
+    };
+    let decided = turned::decide(dataset, &positions, &features, &params);
+    if let Some(decided) = &decided {
+        observer.happened(&Event::Turned(decided));
+        chosen = decided.chosen(dataset, &positions);
+    }
+    let mut made = build_from(&chosen, features, origin, &imported, &params, progress)
+        .map_err(|error| by_format(error, dataset))?;
     made.0.map.units = dataset.units;
     made.0.map.gravity = dataset.gravity;
     observer.happened(&Event::Labels {
@@ -170,6 +176,18 @@ pub fn labels(
         seconds: start.elapsed().as_secs_f64(),
     });
     Ok(made)
+}
+
+/// Axes by those that the format has of itself, from which the option that names them goes out.
+fn by_format(mut error: LabelError, dataset: &Dataset) -> LabelError {
+    if let LabelError::Tracks(TrackError::PoseConvention {
+        misreading: Misreading::Axes { axes, .. },
+        ..
+    }) = &mut error
+    {
+        axes.ours_from_file *= dataset.camera_axes.ours_from_file;
+    }
+    error
 }
 
 /// Adds so many changed copies of each training picture to its labels.

@@ -1,5 +1,6 @@
 //! What happens while a place is taught, for who wants to know.
 
+use super::Turned;
 use crate::labels::VariantStats;
 use crate::progress::Progress;
 #[cfg(feature = "train")]
@@ -18,6 +19,8 @@ pub enum Event<'a> {
         /// It took.
         seconds: f64,
     },
+    /// How poses of pictures that EXIF turns are read.
+    Turned(&'a Turned),
     /// Points and lines are triangulated.
     Labels {
         /// About them.

@@ -42,7 +42,7 @@ const PROJECTED: [(&str, &str, [f64; 2], [f64; 2]); 17] = [
     ("EUCM", "500 505 330 235 0.6 1.1", [474.027597735, 138.021417525], [105.260164435, 393.891063744]),
 ];
 
-/// Models of the core are exact, others are fitted ([`landline_mapper::dataset::camera::MAX_FIT_ERROR_PX`]).
+/// Models of the core are exact, others are fitted ([`landline::formats::MAX_FIT_ERROR_PX`]).
 const EXACT: [&str; 10] = [
     "SIMPLE_PINHOLE",
     "PINHOLE",

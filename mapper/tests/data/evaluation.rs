@@ -167,6 +167,9 @@ fn locate_draws_what_it_found_and_goes_on_after_a_picture_that_is_none() {
     let broken = folder.text("broken.jpg", "no picture");
     let scene = sample().join("sample.landline");
     let picture = sample().join("query-00.jpg");
+    // Another one of the same name.
+    folder.copy(&sample().join("query-03.jpg"), "other/query-00.jpg");
+    let other = folder.0.join("other/query-00.jpg");
     let overlays = folder.0.join("overlays");
     let path = |p: &Path| p.to_str().expect("UTF-8").to_owned();
     let Some(output) = landline(&[
@@ -174,6 +177,7 @@ fn locate_draws_what_it_found_and_goes_on_after_a_picture_that_is_none() {
         &path(&scene),
         &path(&broken),
         &path(&picture),
+        &path(&other),
         "--json",
         "--overlay",
         &path(&overlays),
@@ -183,18 +187,23 @@ fn locate_draws_what_it_found_and_goes_on_after_a_picture_that_is_none() {
     let message = text(&output.stderr);
     assert!(!output.status.success(), "{message}");
     assert!(
-        message.contains("broken.jpg") && message.contains("1 of 2 pictures could not be read"),
+        message.contains("broken.jpg") && message.contains("1 of 3 pictures could not be read"),
         "{message}"
     );
-    let found: Value = serde_json::from_slice(&output.stdout).expect("one line of JSON");
-    assert_eq!(found["reason"], Value::Null, "{found}");
-    assert!(
-        found["inliers"]["points"].as_u64().expect("a number") > 50,
-        "{found}"
-    );
-    let drawn = image::open(overlays.join("query-00.overlay.png")).expect("is a picture");
-    // Enlarged twice, so that strokes are fine against it.
-    assert_eq!((drawn.width(), drawn.height()), (1280, 960));
+    for line in text(&output.stdout).lines() {
+        let found: Value = serde_json::from_str(line).expect("a line of JSON");
+        assert_eq!(found["reason"], Value::Null, "{found}");
+        assert!(
+            found["inliers"]["points"].as_u64().expect("a number") > 50,
+            "{found}"
+        );
+    }
+    for name in ["sample_query-00", "other_query-00"] {
+        let drawn = image::open(overlays.join(format!("{name}.overlay.png")));
+        let drawn = drawn.expect("is a picture");
+        // Enlarged twice, so that strokes are fine against it.
+        assert_eq!((drawn.width(), drawn.height()), (1280, 960));
+    }
 }
 
 /// Descriptors do not see through turns: such a picture looks like another place, and it is told that it is none.

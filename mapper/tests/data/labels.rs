@@ -1,7 +1,7 @@
 //! Labels of a synthetic room with exact truth: points, lines, and the ways in which input can be wrong.
 
 use crate::room::{Room, room};
-use landline::geometry::{CamFromWorld, Rigid};
+use landline::geometry::{CamFromWorld, Camera, CameraAxes, Rigid};
 use landline::mapping::{FilmParams, TrackError, map_film};
 use landline::models::ExtractorKind;
 use landline::reconstruction::motion::CameraGroup;
@@ -29,6 +29,11 @@ fn points_and_lines_are_found_where_they_are() {
     let (labels, stats) = run(truth).expect("a good data set");
     assert!(stats.num_points >= 230, "{stats}");
     assert!(stats.mean_error_px < 0.8, "{stats}");
+    let agree = stats.agreement.expect("pictures follow each other");
+    assert!(
+        agree > 0.9 && !stats.to_string().contains("warning"),
+        "{stats}"
+    );
     // The 30 keypoints of nothing must not be labelled.
     assert!(
         stats.labelled_keypoints <= stats.keypoints - 29.0,
@@ -110,6 +115,18 @@ fn poses_of_another_convention_are_named() {
             let flip = Matrix3::from_diagonal(&[1.0, -1.0, -1.0].into());
             CamFromWorld::new(flip * t.rotation, flip * t.translation)
         }),
+        ("use --camera-axes ros", |t| in_axes(&t, "ros")),
+        ("use --camera-axes down-left-forward", |t| {
+            in_axes(&t, "down-left-forward")
+        }),
+        ("use the other --pose-direction; and of cameras", |t| {
+            let inverse = in_axes(&t, "opengl").inverse();
+            Rigid::new(inverse.rotation, inverse.translation)
+        }),
+        ("use --quaternions xyzw", |t| {
+            let [w, x, y, z] = t.quaternion_wxyz();
+            CamFromWorld::from_quaternion_wxyz([x, y, z, w], t.translation)
+        }),
         ("if they are mirrored: poses of a left-handed world", |t| {
             left_handed(&t)
         }),
@@ -132,6 +149,69 @@ fn poses_of_another_convention_are_named() {
             "{message}"
         );
     }
+}
+
+/// A pose of a camera with other axes.
+fn in_axes(t: &CamFromWorld, axes: &str) -> CamFromWorld {
+    let axes: CameraAxes = axes.parse().expect("known");
+    let turn = axes.ours_from_file.transpose();
+    CamFromWorld::new(turn * t.rotation, turn * t.translation)
+}
+
+#[test]
+fn intrinsics_of_another_lens_and_poses_of_the_next_picture_are_named() {
+    let mut long = room(24);
+    for image in &mut long.images {
+        image.camera = Camera::centered(640, 480, 1.3 * 500.0);
+    }
+    let message = run(long).expect_err("too long").to_string();
+    assert!(message.contains("about 0.77 times"), "{message}");
+
+    let mut shifted = room(24);
+    let poses: Vec<_> = shifted.images.iter().map(|i| i.cam_from_world).collect();
+    for (image, pose) in shifted.images.iter_mut().zip(poses.iter().skip(1)) {
+        image.cam_from_world = *pose;
+    }
+    let message = run(shifted).expect_err("shifted").to_string();
+    assert!(message.contains("picture after each one"), "{message}");
+}
+
+#[test]
+fn poses_of_no_picture_are_refused_unless_they_are_trusted() {
+    let mut mixed = room(24);
+    let mut poses: Vec<_> = mixed.images.iter().map(|i| i.cam_from_world).collect();
+    poses.rotate_left(11);
+    poses.swap(2, 9);
+    poses.swap(4, 17);
+    poses.swap(1, 20);
+    for (image, pose) in mixed.images.iter_mut().zip(poses) {
+        image.cam_from_world = pose;
+    }
+    let images = mixed.images.clone();
+    let features = mixed.features.clone();
+    let error = run(mixed).expect_err("mixed");
+    println!("{error}");
+    let images: Vec<&DatasetImage> = images.iter().collect();
+    let params = TrackParams {
+        trust_poses: true,
+        ..TrackParams::default()
+    };
+    let trusted = build(
+        &images,
+        features,
+        Origin::default(),
+        &params,
+        Progress::Hidden,
+    );
+    assert!(
+        !matches!(
+            trusted,
+            Err(LabelError::Tracks(
+                TrackError::PoseConvention { .. } | TrackError::PosesContradicted { .. }
+            ))
+        ),
+        "what is trusted is not judged"
+    );
 }
 
 /// A pose as Unity writes it: y up in world and camera.
@@ -190,7 +270,9 @@ fn pictures_that_belong_to_other_poses_give_no_labels() {
     mixed.features.swap(4, 17);
     match run(mixed) {
         Err(LabelError::Tracks(
-            TrackError::NoOverlap { .. } | TrackError::PoseConvention { .. },
+            TrackError::NoOverlap { .. }
+            | TrackError::PoseConvention { .. }
+            | TrackError::PosesContradicted { .. },
         )) => {}
         Err(other) => panic!("unexpected: {other}"),
         Ok((_, stats)) => assert!(

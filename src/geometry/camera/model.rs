@@ -174,6 +174,13 @@ impl CameraModel {
         }
     }
 
+    /// Whether it is more than a pinhole: has coefficients that are worth mentioning, or is a fisheye.
+    pub fn has_distortion(&self) -> bool {
+        let (params, count) = self.params();
+        let mut coefficients = params[..count].iter().skip(self.num_focals() + 2);
+        matches!(self, Self::OpenCvFisheye { .. }) || coefficients.any(|k| k.abs() > 1e-6)
+    }
+
     /// The model with two focal lengths that projects in the same way.
     pub(super) fn with_two_focals(&self) -> Self {
         let opencv = |f, cx, cy, k1, k2| Self::OpenCv {

@@ -2,9 +2,9 @@
 
 use super::super::{LabelledVariant, Labels, Origin};
 use super::LabelFileError;
-use crate::dataset::rigid_from_matrix;
 use half::f16;
 use landline::features::{FeatureSet, Keypoint};
+use landline::formats::rigid_from_matrix;
 use landline::geometry::{CamFromWorld, Pixel, Segment2};
 use landline::mapping::{LABEL_FORMAT, LABEL_VERSION, LabelHeader};
 use landline::models::ExtractorKind;

@@ -4,7 +4,7 @@
 use std::collections::HashMap;
 
 /// A name with forward slashes, without `./` and byte order mark.
-pub(super) fn plain(name: &str) -> String {
+pub fn plain(name: &str) -> String {
     let name = name.trim_matches(|c: char| c.is_whitespace() || c == '\u{feff}');
     let parts: Vec<&str> = name
         .split(['/', '\\'])
@@ -46,7 +46,7 @@ fn suffixes(name: &str) -> impl Iterator<Item = &str> {
 
 /// What a name means among known ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Found {
+pub enum Found {
     /// This one, by its position.
     One(usize),
     /// Nothing.
@@ -56,7 +56,8 @@ pub(super) enum Found {
 }
 
 impl Found {
-    pub(super) fn one(self) -> Option<usize> {
+    /// Its position, if it is one.
+    pub fn one(self) -> Option<usize> {
         match self {
             Self::One(position) => Some(position),
             _ => None,
@@ -65,7 +66,8 @@ impl Found {
 }
 
 /// Known names, to be found by how a list writes them.
-pub(super) struct Names {
+#[derive(Debug)]
+pub struct Names {
     names: Vec<String>,
     /// Whole names and names without ending, by key.
     whole: HashMap<String, Vec<usize>>,
@@ -74,7 +76,8 @@ pub(super) struct Names {
 }
 
 impl Names {
-    pub(super) fn new<'a>(names: impl IntoIterator<Item = &'a str>) -> Self {
+    /// Names in the order whose positions [`Names::find`] tells.
+    pub fn new<'a>(names: impl IntoIterator<Item = &'a str>) -> Self {
         let names: Vec<String> = names.into_iter().map(plain).collect();
         let (mut whole, mut ends) = (
             HashMap::<_, Vec<usize>>::new(),
@@ -98,7 +101,7 @@ impl Names {
 
     /// Which of the known names is meant. The whole name counts first; then one that lacks its outer folders; then one
     /// that has more folders than the known name, as paths of another machine do.
-    pub(super) fn find(&self, name: &str) -> Found {
+    pub fn find(&self, name: &str) -> Found {
         let wanted = key(name);
         let choose = |positions: Option<&Vec<usize>>| match positions.map_or(&[][..], Vec::as_slice)
         {

@@ -39,6 +39,32 @@ impl CameraAxes {
     };
 }
 
+impl CameraAxes {
+    /// All that a camera can have: the 24 turns of ours.
+    pub fn all() -> impl Iterator<Item = Self> {
+        let direction = |i: usize| Vector3::from(WORDS[i].1);
+        (0..6).flat_map(move |x| {
+            (0..6)
+                .filter(move |y| y / 2 != x / 2)
+                .map(move |y| (direction(x), direction(y)))
+                .map(|(x, y)| Self {
+                    ours_from_file: Matrix3::from_columns(&[x, y, x.cross(&y)]),
+                })
+        })
+    }
+
+    /// Where x, y and z point.
+    pub fn words(&self) -> String {
+        let word = |column: Vector3<f64>| {
+            let known = WORDS.iter().find(|(_, at)| column == Vector3::from(*at));
+            known.map_or("?", |(word, _)| *word)
+        };
+        let words: [&str; 3] =
+            core::array::from_fn(|i| word(self.ours_from_file.column(i).into_owned()));
+        words.join("-")
+    }
+}
+
 impl FromStr for CameraAxes {
     type Err = String;
 
@@ -71,17 +97,7 @@ impl FromStr for CameraAxes {
 
 impl std::fmt::Display for CameraAxes {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let words: Vec<&str> = self
-            .ours_from_file
-            .column_iter()
-            .map(|column| {
-                WORDS
-                    .iter()
-                    .find(|(_, direction)| column == Vector3::from(*direction))
-                    .map_or("?", |(word, _)| *word)
-            })
-            .collect();
-        let words = words.join("-");
+        let words = self.words();
         f.write_str(
             NAMES
                 .iter()
@@ -106,6 +122,12 @@ mod tests {
         assert_eq!(ros.to_string(), "ros");
         let turned: CameraAxes = "down-left-forward".parse().expect("a quarter turn");
         assert_eq!(turned.to_string(), "down-left-forward");
+        let all: Vec<CameraAxes> = CameraAxes::all().collect();
+        assert_eq!(all.len(), 24);
+        for axes in &all {
+            assert_eq!(axes.words().parse(), Ok(*axes));
+            assert_eq!(all.iter().filter(|other| *other == axes).count(), 1);
+        }
         for wrong in [
             "right-up-forward",
             "right-right-up",

@@ -1,7 +1,6 @@
 //! Poses of files become rigid transforms or a problem with a name.
 
-use super::args::PoseDirection;
-use landline::geometry::{CamFromWorld, Rigid, WorldFromCam};
+use crate::geometry::{CamFromWorld, Rigid, WorldFromCam};
 use nalgebra::{Matrix3, Vector3};
 
 /// Largest deviation from an orthonormal matrix that is repaired. 7-Scenes' poses are scaled by about 0.9999; files with
@@ -88,7 +87,7 @@ pub fn rigid_from_matrix<To, From>(
 ///
 /// # Errors
 /// When the quaternion is not finite or far from unit length.
-pub(super) fn rigid_from_quaternion<To, From>(
+pub fn rigid_from_quaternion<To, From>(
     wxyz: [f64; 4],
     translation: Vector3<f64>,
 ) -> Result<Rigid<To, From>, PoseProblem> {
@@ -116,7 +115,7 @@ fn check_distance(translation: &Vector3<f64>) -> Result<(), PoseProblem> {
 }
 
 /// Rotation block and translation of a row-major 3x4 or 4x4 matrix.
-pub(super) fn block_and_translation(v: &[f64]) -> (Matrix3<f64>, Vector3<f64>) {
+pub fn block_and_translation(v: &[f64]) -> (Matrix3<f64>, Vector3<f64>) {
     let at = |r: usize, c: usize| v.get(4 * r + c).copied().unwrap_or(f64::NAN);
     (
         Matrix3::from_fn(at),
@@ -124,9 +123,30 @@ pub(super) fn block_and_translation(v: &[f64]) -> (Matrix3<f64>, Vector3<f64>) {
     )
 }
 
+/// What a pose of a file maps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PoseDirection {
+    /// World points into camera space (COLMAP).
+    CamFromWorld,
+    /// Camera points into the world; its translation is the camera's position.
+    WorldFromCam,
+}
+
+impl core::fmt::Display for PoseDirection {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::CamFromWorld => "camera from world",
+            Self::WorldFromCam => "world from camera",
+        })
+    }
+}
+
 impl PoseDirection {
     /// The transform of our convention.
-    pub(super) fn cam_from_world(
+    ///
+    /// # Errors
+    /// When it is no pose.
+    pub fn cam_from_world(
         self,
         block: &Matrix3<f64>,
         translation: Vector3<f64>,
@@ -136,6 +156,26 @@ impl PoseDirection {
             Self::WorldFromCam => {
                 rigid_from_matrix(block, translation).map(|t: WorldFromCam| t.inverse())
             }
+        }
+    }
+}
+
+/// Order of a quaternion's numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum QuaternionOrder {
+    /// The real part first (COLMAP, Eigen's constructor).
+    #[default]
+    Wxyz,
+    /// The real part last (ROS, scipy, TUM RGB-D).
+    Xyzw,
+}
+
+impl QuaternionOrder {
+    /// The real part first, of numbers as the file has them.
+    pub fn wxyz(self, [a, b, c, d]: [f64; 4]) -> [f64; 4] {
+        match self {
+            Self::Wxyz => [a, b, c, d],
+            Self::Xyzw => [d, a, b, c],
         }
     }
 }

@@ -3,7 +3,7 @@
 //! The core projects with six models. The others become one of them where that is exact; else the nearest of `OPENCV` and
 //! `OPENCV_FISHEYE` is fitted to them, and a fit that is off by more than [`MAX_FIT_ERROR_PX`] is refused.
 
-use landline::geometry::{Camera, CameraError, CameraModel, CameraRecord, ColmapModel};
+use crate::geometry::{Camera, CameraError, CameraModel, CameraRecord, ColmapModel};
 use nalgebra::{DMatrix, DVector, Vector2};
 
 /// Largest error of a fitted camera model inside the picture.
@@ -26,7 +26,7 @@ const OTHER_MODELS: [ColmapModel; 12] = [
 ];
 
 /// The model with COLMAP's id.
-pub(super) fn colmap_model(id: u32) -> Option<ColmapModel> {
+pub fn colmap_model(id: u32) -> Option<ColmapModel> {
     let core = CameraModel::ALL.iter().map(CameraModel::colmap);
     core.chain(OTHER_MODELS).find(|model| model.id == id)
 }

@@ -289,6 +289,19 @@ impl SecondLook {
             .solve(points, camera, cam_from_world, sigma_px, is_doubted)
     }
 
+    /// How well matches, which gave this camera and pose, tell the focal length beside the pose: standard deviation of ln f, large
+    /// before a flat wall. `None` where they are too few.
+    pub fn focal_sigma_ln(
+        &mut self,
+        points: &[PointCorrespondence],
+        camera: &Camera,
+        cam_from_world: &CamFromWorld,
+    ) -> Option<f64> {
+        let sigma_px = SIGMA_PX * unit(camera);
+        self.check
+            .focal_sigma_ln(points, camera, cam_from_world, sigma_px)
+    }
+
     /// The same from matches in the windows of the first round: those of the last one draw towards a wrong projection, and may hide
     /// that it is wrong. The matches of the last look stay.
     pub fn other_camera_in_wide_windows(

@@ -109,18 +109,24 @@ struct Problem<'a> {
     is_free: [bool; NUM_INTRINSICS],
 }
 
+impl State {
+    fn of(cam_from_world: &CamFromWorld) -> Self {
+        Self {
+            rotation: cam_from_world.rotation,
+            translation: cam_from_world.translation,
+            change: Change::default(),
+        }
+    }
+}
+
 impl CameraCheck {
-    /// The camera that the matches ask for; `None` where the given one fits, or where they say too little.
-    /// `sigma_px` is the standard deviation of a pixel; `cam_from_world` nearly right; `is_doubted` where the camera comes from
-    /// here already.
-    pub(super) fn solve(
+    /// The matches as a problem in which everything is free; `None` for too few.
+    fn load(
         &mut self,
         points: &[PointCorrespondence],
         camera: &Camera,
-        cam_from_world: &CamFromWorld,
         sigma_px: f64,
-        is_doubted: bool,
-    ) -> Option<SolvedCamera> {
+    ) -> Option<Problem<'_>> {
         let center = camera.principal_point();
         let focal = camera.focal_px();
         self.matches.clear();
@@ -134,22 +140,45 @@ impl CameraCheck {
                 point_in_world: p.point_in_world,
             })
         }));
-        if self.matches.len() < MIN_POINTS {
-            return None;
-        }
-        let mut problem = Problem {
+        (self.matches.len() >= MIN_POINTS).then(|| Problem {
             matches: &self.matches,
             focal,
             center,
             side: f64::from(camera.width.max(camera.height)),
             variance: sigma_px * sigma_px,
             is_free: [true; NUM_INTRINSICS],
-        };
-        let start = State {
-            rotation: cam_from_world.rotation,
-            translation: cam_from_world.translation,
-            change: Change::default(),
-        };
+        })
+    }
+
+    /// Standard deviation of ln f as far as the matches tell it beside the pose: large before a flat wall, where another focal length
+    /// from another distance shows the same. `None` where they are too few to say.
+    pub(super) fn focal_sigma_ln(
+        &mut self,
+        points: &[PointCorrespondence],
+        camera: &Camera,
+        cam_from_world: &CamFromWorld,
+        sigma_px: f64,
+    ) -> Option<f64> {
+        let mut problem = self.load(points, camera, sigma_px)?;
+        problem.is_free = SUBSETS[0];
+        let normal = problem.normal(&State::of(cam_from_world));
+        let covariance = masked(&normal, &SUBSETS[0]).h.cholesky()?.inverse();
+        Some(covariance[(NUM_POSE, NUM_POSE)].sqrt())
+    }
+
+    /// The camera that the matches ask for; `None` where the given one fits, or where they say too little.
+    /// `sigma_px` is the standard deviation of a pixel; `cam_from_world` nearly right; `is_doubted` where the camera comes from
+    /// here already.
+    pub(super) fn solve(
+        &mut self,
+        points: &[PointCorrespondence],
+        camera: &Camera,
+        cam_from_world: &CamFromWorld,
+        sigma_px: f64,
+        is_doubted: bool,
+    ) -> Option<SolvedCamera> {
+        let mut problem = self.load(points, camera, sigma_px)?;
+        let start = State::of(cam_from_world);
         // One look at the equations tells in nearly all frames that nothing differs.
         let linear = problem.normal(&start);
         let pose_alone = linear_gain(&linear, &[false; NUM_INTRINSICS]);
@@ -410,5 +439,13 @@ mod tests {
             CameraCheck::default().solve(&points, &given, &nearer, 0.7, false),
             None
         );
+        let mut told = |points: &[PointCorrespondence]| {
+            CameraCheck::default().focal_sigma_ln(points, &truth, &pose, 0.7)
+        };
+        let of_wall = told(&points).expect("points enough");
+        assert!(of_wall > 0.02, "{of_wall}");
+        let of_room = told(&seen(&truth, &pose, &mut rng)).expect("points enough");
+        assert!(of_room < 0.004, "{of_room}");
+        assert_eq!(told(&points[..20]), None);
     }
 }

@@ -97,8 +97,8 @@ pub struct Localization {
     /// Median reprojection error of the inliers, pixels of the frame.
     pub median_error_px: f64,
     /// 0..1: how probably the pose is right (within 25 cm), from the evidence above chance and, where the scene has landmarks, from
-    /// how many of those that the pose shows were found again. At most 0.89 where nobody told the camera:
-    /// it is known from this frame alone, or taken to be the scene's.
+    /// how many of those that the pose shows were found again. At most 0.89 where nobody told the camera: it is known from this frame
+    /// alone, or taken to be the scene's while the frame itself, a flat wall for one, does not tell the focal length.
     pub confidence: f64,
 }
 

@@ -392,6 +392,13 @@ impl Relocalizer {
         replace(&mut self.lines, again.look.lines());
         Ok((outcome, Some(found)))
     }
+
+    /// How well the points of the frame's answer tell the focal length, as a standard deviation of its logarithm.
+    pub(super) fn told_focal(&mut self, answer: &PoseEstimate) -> Option<f64> {
+        let again = self.scene.again_mut()?;
+        let look = &mut again.look;
+        look.focal_sigma_ln(&self.points, &answer.camera, &answer.cam_from_world)
+    }
 }
 
 /// Takes over a list without giving up the memory.

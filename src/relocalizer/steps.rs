@@ -323,7 +323,12 @@ impl Relocalizer {
             Ok(estimate) => {
                 (solved_camera, source, sigma_ln) =
                     start.solved(&camera, &self.working_from_sensor, &estimate);
-                Outcome::Located(self.localization(estimate, found_again.as_ref(), source))
+                let focal_sigma_ln = match source {
+                    CameraSource::Scene => self.told_focal(&estimate),
+                    _ => None,
+                };
+                let found = found_again.as_ref();
+                Outcome::Located(self.localization(estimate, found, source, focal_sigma_ln))
             }
             Err(reason) => {
                 mark(&[], self.points.len(), &mut self.is_point_inlier);
@@ -379,12 +384,13 @@ impl Relocalizer {
         estimate: PoseEstimate,
         found: Option<&FoundAgain>,
         camera_source: CameraSource,
+        focal_sigma_ln: Option<f64>,
     ) -> Localization {
         let working = self.working_from_sensor;
         Localization {
             cam_from_world: estimate.cam_from_world,
             median_error_px: self.mark_inliers() / (0.5 * (working.scale_x + working.scale_y)),
-            confidence: confidence(&estimate, found, camera_source),
+            confidence: confidence(&estimate, found, camera_source, focal_sigma_ln),
             estimate,
         }
     }

@@ -1,9 +1,10 @@
 //! Bundle adjustment of a reconstruction while it grows: what is handed to [`bundle`], and how thoroughly.
 
+use super::CameraGroup;
 use super::grow::{Attempt, Ground, NO_TRACK};
 use crate::geometry::{Camera, CameraModel, Pixel};
 use crate::reconstruction::bundle::{
-    self, BundleCamera, BundleObservation, BundleOptions, BundleProblem, Intrinsics,
+    self, BundleCamera, BundleObservation, BundleOptions, BundleProblem, BundleSummary, Intrinsics,
     IntrinsicsPrior, Loss,
 };
 use crate::reconstruction::planar_from_pixel;
@@ -28,19 +29,18 @@ impl Ground<'_> {
         }
     }
 
-    fn intrinsics(&self, attempt: &Attempt, group: usize, refines_radial: bool) -> Intrinsics {
-        let camera = &attempt.cameras[group];
+    fn intrinsics(camera: &Camera, group: &CameraGroup, refines_radial: bool) -> Intrinsics {
         let (fx, fy) = camera.focal_px();
         let focal_px = 0.5 * (fx + fy);
         let k = match camera.model {
             CameraModel::SimpleRadial { k, .. } => k,
             _ => 0.0,
         };
-        let moves = self.groups[group].refines;
+        let moves = group.refines;
         let prior = if moves {
             IntrinsicsPrior {
-                focal_px: self.groups[group].prior_focal_px(),
-                sigma_ln: self.groups[group].sigma_ln,
+                focal_px: group.prior_focal_px(),
+                sigma_ln: group.sigma_ln,
                 sigma_k: if refines_radial { 0.1 } else { 1e-6 },
             }
         } else {
@@ -60,6 +60,16 @@ impl Ground<'_> {
 
     /// Bundle adjustment of everything registered on the tracks that cover the pictures best.
     pub(super) fn adjust(&self, attempt: &mut Attempt, effort: &Effort) {
+        self.adjust_with(self.groups, attempt, effort);
+    }
+
+    /// The same with other beliefs about the cameras; `None` when there is nothing to adjust.
+    pub(super) fn adjust_with(
+        &self,
+        groups: &[CameraGroup],
+        attempt: &mut Attempt,
+        effort: &Effort,
+    ) -> Option<BundleSummary> {
         let registered: Vec<usize> = (0..attempt.poses.len())
             .filter(|i| attempt.poses[*i].is_some())
             .collect();
@@ -77,7 +87,7 @@ impl Ground<'_> {
                 is_fixed: false,
             });
         }
-        let refines = self.groups.iter().any(|g| g.refines);
+        let refines = groups.iter().any(|g| g.refines);
         let options = BundleOptions {
             loss: Loss::Cauchy(effort.loss_px),
             refines_focal: refines && num_registered >= self.params.refine_focal_from,
@@ -85,8 +95,8 @@ impl Ground<'_> {
             max_iterations: effort.iterations,
             tolerance: effort.tolerance,
         };
-        problem.intrinsics = (0..self.groups.len())
-            .map(|g| self.intrinsics(attempt, g, options.refines_radial))
+        problem.intrinsics = (groups.iter().zip(&attempt.cameras))
+            .map(|(group, camera)| Self::intrinsics(camera, group, options.refines_radial))
             .collect();
         let chosen = self.cover(attempt, effort.points_per_picture);
         for (p, t) in chosen.iter().enumerate() {
@@ -97,7 +107,7 @@ impl Ground<'_> {
             for o in &point.observations {
                 let picture = &self.pictures[o.view as usize];
                 let pixel = picture.features.keypoints[o.feature as usize].pixel;
-                let refines = self.groups[picture.camera].refines;
+                let refines = groups[picture.camera].refines;
                 let camera = &attempt.cameras[picture.camera];
                 if let Some(place_px) = Self::place_px(camera, refines, pixel) {
                     problem.observations.push(BundleObservation {
@@ -111,9 +121,10 @@ impl Ground<'_> {
         if let Some(given) = &self.given {
             given.hold(&registered, &mut problem);
         }
-        if problem.points.is_empty() || bundle::adjust(&mut problem, &options).is_err() {
-            return;
+        if problem.points.is_empty() {
+            return None;
         }
+        let summary = bundle::adjust(&mut problem, &options).ok()?;
         for (i, camera) in registered.iter().zip(&problem.cameras) {
             attempt.poses[*i] = Some(camera.cam_from_world);
         }
@@ -123,7 +134,7 @@ impl Ground<'_> {
             }
         }
         for (g, intrinsics) in problem.intrinsics.iter().enumerate() {
-            if self.groups[g].refines {
+            if groups[g].refines {
                 let camera = &mut attempt.cameras[g];
                 let c = camera.principal_point();
                 camera.model = CameraModel::SimpleRadial {
@@ -134,6 +145,7 @@ impl Ground<'_> {
                 };
             }
         }
+        Some(summary)
     }
 
     /// Tracks with points, longest first, until every picture has its share.

@@ -8,7 +8,7 @@ use super::grow::{Attempt, Ground};
 use crate::geometry::vector_from_rotation;
 use crate::math::parallel;
 use crate::math::stats::median_in_place;
-use crate::reconstruction::{epipolar_distance, essential};
+use crate::reconstruction::{TwoViewKind, epipolar_distance, essential};
 use nalgebra::Vector3;
 
 /// A pair agrees with the model when this share of its matches does.
@@ -55,11 +55,15 @@ fn judge(ground: &Ground<'_>, attempt: &Attempt) -> Vec<Judged> {
             .count();
         let (from, to) = (&first.cam_from_world, &second.cam_from_world);
         let own = pair.geometry.b_from_a.rotation * from.rotation;
+        // Lines are the same for a step ahead and for one back: along a wall only its direction tells a twin room.
+        let step = (*to * from.inverse()).translation;
+        let goes_back = pair.geometry.kind == TwoViewKind::General
+            && step.dot(&pair.geometry.b_from_a.translation) < 0.0;
         Some(Judged {
             a,
             b,
             num_matches: pair.matches.len(),
-            agrees: near as f64 >= AGREEING_SHARE * pair.matches.len() as f64,
+            agrees: !goes_back && near as f64 >= AGREEING_SHARE * pair.matches.len() as f64,
             off: vector_from_rotation(&(to.rotation.transpose() * own)),
         })
     });
@@ -142,6 +146,13 @@ pub(super) fn drop_contradicted(ground: &Ground<'_>, attempt: &mut Attempt) -> u
             };
             let between: Vec<&Judged> = judged.iter().filter(is_between).collect();
             let (agreeing, contradicting) = sides(&between);
+            // Of a video the steps count more than any number of loops: a twin room looks like the first in every picture.
+            let is_step = |pair: &&&Judged| pair.b - pair.a <= ground.params.loops.near;
+            let steps: Vec<&Judged> = between.iter().filter(is_step).copied().collect();
+            let (right, wrong) = sides(&steps);
+            if ground.params.candidates.is_video && wrong > right {
+                return false;
+            }
             // Seen from the part: the other way round a pair is off by the opposite.
             let off: Vec<Vector3<f64>> = between
                 .iter()

@@ -18,6 +18,7 @@
 mod adjust;
 mod candidates;
 mod contradict;
+mod given;
 mod grow;
 mod loops;
 mod refine;
@@ -240,7 +241,7 @@ pub struct PairCounts {
 }
 
 /// Why there is no model at all.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum MotionError {
     /// Fewer than two pictures.
     #[error("too few pictures ({0}): poses need at least three that overlap, better thirty")]
@@ -268,6 +269,19 @@ pub enum MotionError {
         turned: usize,
         /// What helps.
         advice: &'static str,
+    },
+    /// The pictures are of another camera than the one that was given.
+    #[error(
+        "the focal length given for camera group {group} is {given_px:.0} pixels, but the pictures say about {seen_px:.0}: \
+         leave it out, or give that of the pictures as they are (a crop or a zoom has another)"
+    )]
+    Focal {
+        /// Camera group.
+        group: usize,
+        /// As given.
+        given_px: f64,
+        /// As the model has it when it is free.
+        seen_px: f64,
     },
     /// The caller stopped it.
     #[error("stopped")]
@@ -390,6 +404,9 @@ pub async fn reconstruct_motion(
             *done |= pose.is_some();
         }
         if !is_small {
+            if let Some(contradiction) = given::contradicted(&ground, &grown) {
+                return Err(contradiction);
+            }
             components.push(component(&ground, &grown));
             last.get_or_insert(grown);
         }

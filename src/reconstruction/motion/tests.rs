@@ -189,3 +189,77 @@ fn two_pictures_or_the_same_picture_are_refused_in_words() {
     let same = run(&vec![set; 5], known()).expect_err("the same picture");
     assert!(matches!(same, MotionError::NoStart { .. }), "{same}");
 }
+
+/// Places in one world, each moved.
+fn together(places: &[(&Place, Vector3<f64>)]) -> Place {
+    let mut all = Place {
+        points: Vec::new(),
+        descriptors: Vec::new(),
+    };
+    for (place, shift) in places {
+        all.points.extend(place.points.iter().map(|p| p + shift));
+        all.descriptors.extend(place.descriptors.iter().cloned());
+    }
+    all
+}
+
+/// Refused, or right as far as it goes.
+fn assert_not_silently_wrong(
+    outcome: Result<Motion, MotionError>,
+    truth: impl Fn(usize) -> CamFromWorld + Copy,
+) {
+    let Ok(motion) = outcome else { return };
+    for component in &motion.components {
+        let error = distance_error(component, truth);
+        let num = component.num_registered();
+        assert!(error < 0.03, "{num} pictures: {error}");
+    }
+}
+
+#[test]
+fn before_a_flat_wall_nothing_is_made_up() {
+    let wall = place(8, 900, |rng| {
+        Vector3::new(rng.range(-5.0, 5.0), rng.range(-2.5, 2.5), 4.0)
+    });
+    let sets: Vec<FeatureSet> = (0..20)
+        .map(|i| features(&wall, &walk(i), FOCAL, i as u64))
+        .collect();
+    assert_not_silently_wrong(run(&sets, known()), walk);
+    assert_not_silently_wrong(run(&sets, CameraGroup::unknown(640, 480)), walk);
+}
+
+#[test]
+fn twin_rooms_are_not_folded_into_one() {
+    let (room, hall) = (place(9, 500, in_depth), place(10, 500, in_depth));
+    // The twin is 16 m on, behind a hall; the same things are in it.
+    let along = |x: f64| Vector3::new(x, 0.0, 0.0);
+    let house = together(&[
+        (&room, along(0.0)),
+        (&hall, along(8.0)),
+        (&room, along(16.0)),
+    ]);
+    let sets: Vec<FeatureSet> = (0..100)
+        .map(|i| features(&house, &walk(i), FOCAL, i as u64))
+        .collect();
+    let motion = run(&sets, known()).expect("a model");
+    assert!(motion.components[0].num_registered() >= 30);
+    assert_not_silently_wrong(Ok(motion), walk);
+}
+
+#[test]
+fn a_given_focal_length_that_the_pictures_contradict_is_refused() {
+    let here = place(11, 700, in_depth);
+    let sets: Vec<FeatureSet> = (0..20)
+        .map(|i| features(&here, &walk(i), FOCAL, i as u64))
+        .collect();
+    let wrong = CameraGroup::given(Camera::centered(640, 480, 1.3 * FOCAL));
+    let refused = run(&sets, wrong).expect_err("another camera");
+    let MotionError::Focal {
+        given_px, seen_px, ..
+    } = refused
+    else {
+        panic!("{refused}");
+    };
+    assert!((given_px / FOCAL - 1.3).abs() < 1e-9);
+    assert!((seen_px / FOCAL - 1.0).abs() < 0.05, "{seen_px}");
+}

@@ -439,7 +439,7 @@ mod tests {
             CameraCheck::default().solve(&points, &given, &nearer, 0.7, false),
             None
         );
-        let mut told = |points: &[PointCorrespondence]| {
+        let told = |points: &[PointCorrespondence]| {
             CameraCheck::default().focal_sigma_ln(points, &truth, &pose, 0.7)
         };
         let of_wall = told(&points).expect("points enough");

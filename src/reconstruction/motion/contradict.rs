@@ -4,6 +4,7 @@
 //! with itself: reprojection errors do not show that. The matches between its pictures and the others do, for they were
 //! verified without the model.
 
+use super::MotionParams;
 use super::grow::{Attempt, Ground};
 use crate::geometry::vector_from_rotation;
 use crate::math::parallel;
@@ -32,6 +33,13 @@ struct Judged {
     agrees: bool,
     /// Rotation vector by which the model turns otherwise than the pair alone says, about axes of the world, in radians.
     off: Vector3<f64>,
+}
+
+impl Judged {
+    /// Whether it is a step of a video, no loop.
+    fn is_step(&self, params: &MotionParams) -> bool {
+        params.candidates.is_video && self.b - self.a <= params.loops.near
+    }
 }
 
 fn judge(ground: &Ground<'_>, attempt: &Attempt) -> Vec<Judged> {
@@ -98,7 +106,7 @@ fn parts(ground: &Ground<'_>, judged: &[Judged], judges_turns: bool) -> Vec<usiz
         for i in 1..part.len() {
             let across: Vec<&Judged> = judged
                 .iter()
-                .filter(|p| p.a < i && i <= p.b && p.b - p.a <= params.loops.near)
+                .filter(|p| p.a < i && i <= p.b && p.is_step(params))
                 .collect();
             let (agreeing, contradicting) = sides(&across);
             let off: Vec<Vector3<f64>> = across.iter().map(|p| p.off).collect();
@@ -110,7 +118,7 @@ fn parts(ground: &Ground<'_>, judged: &[Judged], judges_turns: bool) -> Vec<usiz
     }
     for pair in judged.iter().filter(|p| p.agrees) {
         // A loop alone holds no stretch of a video.
-        if params.candidates.is_video && pair.b - pair.a > params.loops.near {
+        if params.candidates.is_video && !pair.is_step(params) {
             continue;
         }
         let (from, to) = (part[pair.b], part[pair.a]);
@@ -147,10 +155,10 @@ pub(super) fn drop_contradicted(ground: &Ground<'_>, attempt: &mut Attempt) -> u
             let between: Vec<&Judged> = judged.iter().filter(is_between).collect();
             let (agreeing, contradicting) = sides(&between);
             // Of a video the steps count more than any number of loops: a twin room looks like the first in every picture.
-            let is_step = |pair: &&&Judged| pair.b - pair.a <= ground.params.loops.near;
-            let steps: Vec<&Judged> = between.iter().filter(is_step).copied().collect();
+            let is_step = |pair: &&Judged| pair.is_step(ground.params);
+            let steps: Vec<&Judged> = between.iter().copied().filter(is_step).collect();
             let (right, wrong) = sides(&steps);
-            if ground.params.candidates.is_video && wrong > right {
+            if wrong > right {
                 return false;
             }
             // Seen from the part: the other way round a pair is off by the opposite.

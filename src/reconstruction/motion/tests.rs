@@ -71,6 +71,13 @@ fn walk(i: usize) -> CamFromWorld {
     CamFromWorld::new(rotation, -(rotation * center))
 }
 
+/// The first pictures of the walk through a place.
+fn film(place: &Place, count: usize) -> Vec<FeatureSet> {
+    (0..count)
+        .map(|i| features(place, &walk(i), FOCAL, i as u64))
+        .collect()
+}
+
 fn run(sets: &[FeatureSet], group: CameraGroup) -> Result<Motion, MotionError> {
     let pictures: Vec<Picture<'_>> = sets
         .iter()
@@ -118,9 +125,7 @@ fn distance_error(component: &Component, truth: impl Fn(usize) -> CamFromWorld) 
 #[test]
 fn a_walk_is_posed_and_foreign_pictures_are_left_out() {
     let (here, elsewhere) = (place(1, 700, in_depth), place(2, 700, in_depth));
-    let mut sets: Vec<FeatureSet> = (0..20)
-        .map(|i| features(&here, &walk(i), FOCAL, i as u64))
-        .collect();
+    let mut sets = film(&here, 20);
     // One foreign picture, and one that is there twice.
     sets.push(features(&elsewhere, &walk(3), FOCAL, 50));
     sets.push(sets[19].clone());
@@ -136,9 +141,7 @@ fn a_walk_is_posed_and_foreign_pictures_are_left_out() {
 #[test]
 fn an_unknown_focal_length_is_found() {
     let here = place(3, 700, in_depth);
-    let sets: Vec<FeatureSet> = (0..20)
-        .map(|i| features(&here, &walk(i), FOCAL, i as u64))
-        .collect();
+    let sets = film(&here, 20);
     let motion = run(&sets, CameraGroup::unknown(640, 480)).expect("a model");
     let (found, _) = motion.components[0].cameras[0].focal_px();
     assert!((found / FOCAL - 1.0).abs() < 0.05, "{found}");
@@ -221,9 +224,7 @@ fn before_a_flat_wall_nothing_is_made_up() {
     let wall = place(8, 900, |rng| {
         Vector3::new(rng.range(-5.0, 5.0), rng.range(-2.5, 2.5), 4.0)
     });
-    let sets: Vec<FeatureSet> = (0..20)
-        .map(|i| features(&wall, &walk(i), FOCAL, i as u64))
-        .collect();
+    let sets = film(&wall, 20);
     assert_not_silently_wrong(run(&sets, known()), walk);
     assert_not_silently_wrong(run(&sets, CameraGroup::unknown(640, 480)), walk);
 }
@@ -238,9 +239,7 @@ fn twin_rooms_are_not_folded_into_one() {
         (&hall, along(8.0)),
         (&room, along(16.0)),
     ]);
-    let sets: Vec<FeatureSet> = (0..100)
-        .map(|i| features(&house, &walk(i), FOCAL, i as u64))
-        .collect();
+    let sets = film(&house, 100);
     let motion = run(&sets, known()).expect("a model");
     assert!(motion.components[0].num_registered() >= 30);
     assert_not_silently_wrong(Ok(motion), walk);
@@ -249,9 +248,7 @@ fn twin_rooms_are_not_folded_into_one() {
 #[test]
 fn a_given_focal_length_that_the_pictures_contradict_is_refused() {
     let here = place(11, 700, in_depth);
-    let sets: Vec<FeatureSet> = (0..20)
-        .map(|i| features(&here, &walk(i), FOCAL, i as u64))
-        .collect();
+    let sets = film(&here, 20);
     let wrong = CameraGroup::given(Camera::centered(640, 480, 1.3 * FOCAL));
     let refused = run(&sets, wrong).expect_err("another camera");
     let MotionError::Focal {

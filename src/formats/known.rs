@@ -1,4 +1,5 @@
-//! Poses for pictures at hand, out of whatever files lie with them: what a page does that is given a folder.
+//! Poses for pictures at hand, out of whatever files lie with them: for a page that is given a folder. (The demo page has readers of
+//! its own still.)
 
 use super::colmap::{self, RawImage};
 use super::list::{self, ListKind};

@@ -103,6 +103,11 @@ impl KindNoise {
         self.factor * self.factor * unit(self.world_sigma, sigma_px, sigma_world, gain_sq)
     }
 
+    /// Whether some are exact and others near misses.
+    pub(super) fn has_near_misses(&self) -> bool {
+        self.exact_share < 1.0
+    }
+
     /// Odds of an inlier and its weight in the normal equations, from the odds at zero residual of an exact one.
     #[inline]
     pub(super) fn student(&self, odds: f64, r_sq: f64, variance: f64) -> (f64, f64) {
@@ -223,7 +228,7 @@ impl Residuals {
             / (2.0 * (sums.exact + tie_count));
         let mut ln_prior = 0.0;
         noise.factor = factor_sq.sqrt().clamp(EXACT_RANGE.0, EXACT_RANGE.1);
-        if noise.exact_share < 1.0 {
+        if noise.has_near_misses() {
             let wide_sq = sums.near_sq / (2.0 * sums.near).max(1e-9);
             noise.near = (wide_sq.sqrt() / noise.factor).clamp(NEAR_RANGE.0, NEAR_RANGE.1);
             let old = noise.exact_share;
@@ -324,9 +329,9 @@ impl NoiseFit {
     /// Improves what was chosen.
     pub(super) fn improve(&mut self, noise: &mut Noise) {
         for _ in 0..LATER_STEPS {
-            let are_alike = noise.points.exact_share == 1.0 && noise.lines.exact_share == 1.0;
+            let are_alike = !noise.points.has_near_misses() && !noise.lines.has_near_misses();
             let tie = |own: &KindNoise, other: &KindNoise| {
-                if own.exact_share < 1.0 {
+                if own.has_near_misses() {
                     (PRIOR_COUNT, 1.0)
                 } else if are_alike {
                     (TIE_COUNT, other.factor)

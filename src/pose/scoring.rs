@@ -11,7 +11,7 @@ use crate::math::elementary::ln;
 
 /// An error of `max_point_error_px` is this many standard deviations of the ranking score: the gain of a correspondence with
 /// even odds reaches zero there for a 640x480 image.
-const ERRORS_PER_SIGMA: f64 = 4.15;
+pub(super) const ERRORS_PER_SIGMA: f64 = 4.15;
 
 /// Blocks of the head start: if these say nothing, the rest is not looked at.
 const HEAD_POINT_BLOCKS: usize = 16;

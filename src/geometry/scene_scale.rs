@@ -1,7 +1,11 @@
 //! Centre and scale between a network's coordinates and the world.
 
+use super::Units;
 use crate::math::stats::median_in_place;
 use nalgebra::Vector3;
+
+/// The usual [`SceneScale::scale`] of a room in metres: half its landmarks are nearer to its middle than this.
+const USUAL_SCALE_M: f64 = 2.0;
 
 /// Undoes the normalisation of network coordinates: `world = centre + scale * network`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,6 +42,15 @@ impl SceneScale {
         }
     }
 
+    /// World units that are taken for a metre where a threshold is meant in metres: exactly one in a metric world. Where units
+    /// are arbitrary, the scene is taken to be as large as a usual room.
+    pub fn nominal_metre(&self, units: Units) -> f64 {
+        match units {
+            Units::Metres => 1.0,
+            Units::Arbitrary => self.scale / USUAL_SCALE_M,
+        }
+    }
+
     /// A world point from network coordinates.
     pub fn world_from_network(&self, p: Vector3<f64>) -> Vector3<f64> {
         self.centre + self.scale * p
@@ -46,5 +59,20 @@ impl SceneScale {
     /// Network coordinates of a world point.
     pub fn network_from_world(&self, p: Vector3<f64>) -> Vector3<f64> {
         (p - self.centre) / self.scale
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_metre_follows_the_scale_where_units_are_arbitrary() {
+        let scale = SceneScale {
+            scale: 300.0,
+            ..SceneScale::default()
+        };
+        assert_eq!(scale.nominal_metre(Units::Arbitrary), 150.0);
+        assert_eq!(scale.nominal_metre(Units::Metres), 1.0);
     }
 }

@@ -146,13 +146,9 @@ impl SceneInfo {
         }
     }
 
-    /// World units that stand for one metre in thresholds of movement: 1 for metric scenes. Where units are arbitrary, the
-    /// half of what one network unit is: in taught rooms landmarks lie some two metres from their centre in the median.
+    /// World units that are taken for a metre in thresholds; see [`SceneScale::nominal_metre`].
     pub fn nominal_metre(&self) -> f64 {
-        match self.units {
-            Units::Metres => 1.0,
-            Units::Arbitrary => 0.5 * self.scale.scale,
-        }
+        self.scale.nominal_metre(self.units)
     }
 
     /// The cameras of the teaching pictures, scaled to pictures of this size, where the shape is theirs.

@@ -13,7 +13,6 @@ mod continuity;
 mod error;
 mod focal;
 mod follow;
-mod pace;
 mod smoothing;
 
 pub use continuity::{Continuity, LimitedReason, SessionState};
@@ -95,7 +94,7 @@ pub struct Session {
 impl Session {
     /// Starts without any knowledge of cameras; smoothing is off.
     pub fn new(relocalizer: Relocalizer) -> Self {
-        let metre = pace::metre(relocalizer.scene_info());
+        let metre = relocalizer.scene_info().nominal_metre();
         Self {
             relocalizer,
             smoothing: Smoothing::Off,
@@ -123,7 +122,7 @@ impl Session {
     /// Says that the relocalizer's scene is another one now: where the camera was, and how fast it may be, is measured anew.
     /// What was learned about focal lengths stays.
     pub fn scene_changed(&mut self) {
-        let metre = pace::metre(self.relocalizer.scene_info());
+        let metre = self.relocalizer.scene_info().nominal_metre();
         self.continuity = Continuity::new(metre);
         self.filter = PoseFilter::new(metre);
     }

@@ -1,5 +1,5 @@
 //! Training pictures as flat rows: descriptors, cameras, observations and targets, in centred world coordinates (the
-//! scene's centre subtracted, metres).
+//! scene's centre subtracted, metres as the losses have them).
 
 use super::loss::ObservationRows;
 use crate::labels::Labelled;
@@ -98,7 +98,8 @@ impl<'a> Buffer<'a> {
             return;
         };
         let (fx, fy) = camera.focal_px();
-        let centred = cam_from_world.transform_point(&scale.centre);
+        let metre = scale.nominal_metre(map.units);
+        let centred = cam_from_world.transform_point(&scale.centre) / metre;
         let mut rotation = [0.0; 9];
         for (i, v) in rotation.iter_mut().enumerate() {
             *v = cam_from_world.rotation[(i / 3, i % 3)] as f32;
@@ -118,8 +119,9 @@ impl<'a> Buffer<'a> {
                         ray(keypoint.pixel).map_or(nothing, |r| [r.x as f32, r.y as f32, 1.0]);
                     self.observed.extend(&seen[..2]);
                     let track = target.and_then(|t| map.points.get(t as usize).map(|p| (t, p)));
-                    let point =
-                        track.map_or(Vector3::zeros(), |(_, p)| p.point_in_world - scale.centre);
+                    let point = track.map_or(Vector3::zeros(), |(_, p)| {
+                        (p.point_in_world - scale.centre) / metre
+                    });
                     self.targets.extend(point.iter().map(|v| *v as f32));
                     let usable = track.filter(|_| seen[0].is_finite());
                     self.tracks.push(usable.map_or(-1, |(t, _)| t as i32));
@@ -137,7 +139,7 @@ impl<'a> Buffer<'a> {
                     self.observed.extend(seen);
                     let ends = target.and_then(|t| map.segment_target_ends(t));
                     for i in 0..2 {
-                        let end = ends.map_or(Vector3::zeros(), |e| e[i] - scale.centre);
+                        let end = ends.map_or(Vector3::zeros(), |e| (e[i] - scale.centre) / metre);
                         self.targets.extend(end.iter().map(|v| *v as f32));
                     }
                     let usable = target.filter(|_| seen[0].is_finite() && ends.is_some());

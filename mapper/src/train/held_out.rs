@@ -57,7 +57,7 @@ pub fn judge(
         distances.extend(
             buffer
                 .image_rows(i)
-                .zip(&p.scene_m)
+                .zip(&p.scene)
                 .filter(|(row, _)| buffer.track(*row).is_some())
                 .map(|(_, d)| f64::from(*d)),
         );

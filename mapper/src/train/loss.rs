@@ -1,4 +1,5 @@
-//! The losses, row by row, in burn tensors. Coordinates enter in metres and in the data set's world.
+//! The losses, row by row, in burn tensors. Coordinates enter in metres (nominal ones where the unit is unknown) and in the data
+//! set's world.
 //!
 //! Reprojection is measured in normalised image coordinates times the focal length, so that every camera model that can
 //! turn a pixel into a ray is served, distorted ones too.

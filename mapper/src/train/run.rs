@@ -293,7 +293,7 @@ pub fn train(
                     "{},{step},{},{},{},{},{},{},{:.1},{}",
                     name(kind),
                     report.total,
-                    report.scene_m,
+                    report.scene,
                     report.reprojection_px,
                     report.reliability,
                     report.gradient,
@@ -373,7 +373,7 @@ fn message(mean: &StepReport, session: &Session, labels: &Labels) -> String {
     });
     format!(
         "{}  {:.1} px  reliability {:.3}{held_out}",
-        ruler.text(mean.scene_m),
+        ruler.text(mean.scene),
         mean.reprojection_px,
         mean.reliability
     )
@@ -541,7 +541,7 @@ fn smoothed(mean: &StepReport, new: &StepReport, step: usize) -> StepReport {
     let mix = |a: f64, b: f64| a + k * (b - a);
     StepReport {
         total: mix(mean.total, new.total),
-        scene_m: mix(mean.scene_m, new.scene_m),
+        scene: mix(mean.scene, new.scene),
         reprojection_px: mix(mean.reprojection_px, new.reprojection_px),
         reliability: mix(mean.reliability, new.reliability),
         ..*new

@@ -87,8 +87,8 @@ impl BranchConfig {
 pub struct StepReport {
     /// What is minimised.
     pub total: f64,
-    /// Scene distance of the labelled rows in metres, unclamped.
-    pub scene_m: f64,
+    /// Scene distance of the labelled rows in world units, unclamped.
+    pub scene: f64,
     /// Reprojection error of the labelled rows, clamped at the schedule's limit.
     pub reprojection_px: f64,
     /// Cross-entropy of the reliability.
@@ -102,14 +102,14 @@ pub struct StepReport {
 /// What a branch predicts for rows, read back.
 #[derive(Debug, Clone, Default)]
 pub struct Predicted {
-    /// Centred world coordinates in metres, 3 or 6 a row.
+    /// Centred world coordinates in world units, 3 or 6 a row.
     pub coordinates: Vec<f32>,
     /// 0..1.
     pub confidence: Vec<f32>,
     /// Pixels; for segments the sum over both ends.
     pub reprojection_px: Vec<f32>,
-    /// Distance to the target; 0 without one.
-    pub scene_m: Vec<f32>,
+    /// Distance to the target in world units; 0 without one.
+    pub scene: Vec<f32>,
 }
 
 /// The averages that did best on the held-out pictures.
@@ -141,6 +141,8 @@ pub struct Session {
     pub recipe: Recipe,
     /// Normalisation of coordinates.
     pub scale: SceneScale,
+    /// World units that the losses take for a metre.
+    metre: f64,
     /// Steps done.
     pub step: usize,
     /// What the run will deliver, if pictures are held out.
@@ -236,6 +238,7 @@ impl Session {
             config,
             recipe,
             scale,
+            metre: scale.nominal_metre(map.units),
             step: 0,
             best: None,
             stale: 0,
@@ -384,6 +387,11 @@ impl Session {
         self.parameters.has(&format!("{prefix}.anchor.keys"))
     }
 
+    /// Network coordinates in metres, as the losses have them; in a world of arbitrary units in nominal ones.
+    fn metres(&self, coordinates: Tensor<2>) -> Tensor<2> {
+        coordinates.mul_scalar(self.scale.scale / self.metre)
+    }
+
     fn reprojection(&self, coordinates: Tensor<2>, o: &Observations) -> [Tensor<2>; 3] {
         match self.config.kind() {
             Kind::Points => loss::point_reprojection(coordinates, o),
@@ -478,7 +486,7 @@ impl Session {
             training: true,
         };
         let prediction = self.forward(leaves, inputs, context);
-        let metres = prediction.coordinates.mul_scalar(self.scale.scale);
+        let metres = self.metres(prediction.coordinates);
         let distance = self.scene_distance(metres.clone(), targets);
         let [error_px, depth, usable] = self.reprojection(metres, &o);
         let limit = schedule::clamp_px(
@@ -524,7 +532,7 @@ impl Session {
         let number = |x: Tensor<1>| f64::from(x.into_scalar::<f32>());
         let report = StepReport {
             total: number(total.clone().inner()),
-            scene_m: number(loss::weighted_mean(distance, has_target).inner()),
+            scene: self.metre * number(loss::weighted_mean(distance, has_target).inner()),
             reprojection_px: number(loss::weighted_mean(clamped_px, kept).inner()),
             reliability: number(reliability.inner()),
             ..StepReport::default()
@@ -566,7 +574,7 @@ impl Session {
             }
             _ => self.forward(&leaves, inputs, context),
         };
-        let metres = prediction.coordinates.mul_scalar(self.scale.scale);
+        let metres = self.metres(prediction.coordinates);
         let target_len = batch.targets.len() / count;
         let targets =
             Tensor::from_data(TensorData::new(batch.targets, [count, target_len]), device);
@@ -576,10 +584,10 @@ impl Session {
             self.reprojection(metres.clone(), &batch.observations.to_device(device));
         let unusable = usable.neg().add_scalar(1.0).mul_scalar(loss::MAX_ERROR_PX);
         Predicted {
-            coordinates: numbers(&metres),
+            coordinates: numbers(&metres.mul_scalar(self.metre)),
             confidence: numbers(&burn::tensor::activation::sigmoid(prediction.logits)),
             reprojection_px: numbers(&(error + unusable)),
-            scene_m: numbers(&distance),
+            scene: numbers(&distance.mul_scalar(self.metre)),
         }
     }
 }

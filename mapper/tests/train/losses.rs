@@ -2,7 +2,7 @@
 
 use crate::room;
 use burn::tensor::{Tensor, TensorData};
-use landline::geometry::SceneScale;
+use landline::geometry::{SceneScale, Units};
 use landline::models::{Preset, RegressorConfig};
 use landline_mapper::labels::Labels;
 use landline_mapper::train::buffer::{Buffer, Kind};
@@ -106,7 +106,13 @@ fn clamp_cross_entropy_and_means() {
 
 /// The report of a step of the paper's recipe in the middle of the run, by a network whose every weight is zero, so that it
 /// answers with its last biases: these coordinates and this logit.
-fn constant_step(labels: &Labels, kind: Kind, coordinates: &[f32], logit: f32) -> StepReport {
+fn constant_step(
+    labels: &Labels,
+    kind: Kind,
+    coordinates: &[f32],
+    logit: f32,
+    network_unit: f64,
+) -> StepReport {
     let RegressorConfig::Branches { point, line } = RegressorConfig::preset(Preset::Paper, room::D)
     else {
         panic!("the preset has branches");
@@ -118,7 +124,7 @@ fn constant_step(labels: &Labels, kind: Kind, coordinates: &[f32], logit: f32) -
     let mut recipe = recipe::recipe(Preset::Paper, kind);
     recipe.steps = 10;
     let scale = SceneScale {
-        scale: 2.0,
+        scale: network_unit,
         ..SceneScale::default()
     };
     let device = cpu_device();
@@ -178,7 +184,7 @@ fn expect(report: &StepReport, distances: &[f64], pixels: &[f64], num: usize, lo
             "{what}: {found}, not {expected}"
         );
     };
-    close("mean distance", report.scene_m, sum / n);
+    close("mean distance", report.scene, sum / n);
     close("reprojection", report.reprojection_px, clamped);
     close("cross-entropy", report.reliability, entropy);
     // The sum of the distances, the means of the others (the reference's reductions).
@@ -192,7 +198,7 @@ fn a_step_of_the_papers_recipe_on_points() {
     let keypoints = &view.features.keypoints;
     let cam_from_world = view.cam_from_world.expect("a pose");
     let at = [0.1f32, -0.2, 2.5];
-    let report = constant_step(&labels, Kind::Points, &at, 0.7);
+    let report = constant_step(&labels, Kind::Points, &at, 0.7, 2.0);
     let p = nalgebra::Vector3::new(0.1, -0.2, 2.5);
     let seen = view
         .camera
@@ -214,7 +220,7 @@ fn a_step_of_the_papers_recipe_on_segments() {
     let segments = &view.features.segments;
     let cam_from_world = view.cam_from_world.expect("a pose");
     let at = [0.1f32, -0.2, 2.5, -0.4, 0.3, 3.0];
-    let report = constant_step(&labels, Kind::Segments, &at, -0.3);
+    let report = constant_step(&labels, Kind::Segments, &at, -0.3, 2.0);
     let ends = [
         nalgebra::Vector3::new(0.1, -0.2, 2.5),
         nalgebra::Vector3::new(-0.4, 0.3, 3.0),
@@ -235,4 +241,44 @@ fn a_step_of_the_papers_recipe_on_segments() {
         pixels.push(off(&seen[0]) + off(&seen[1]));
     }
     expect(&report, &distances, &pixels, segments.len(), -0.3);
+}
+
+/// The room in another unit of length, which nobody names.
+fn in_units(size: f64) -> Labels {
+    let mut labels = room::labels(1);
+    labels.map.units = Units::Arbitrary;
+    for view in &mut labels.map.views {
+        let pose = view.cam_from_world.as_mut().expect("a pose");
+        pose.translation *= size;
+    }
+    for point in &mut labels.map.points {
+        point.point_in_world *= size;
+    }
+    for line in &mut labels.map.lines {
+        line.start_in_world *= size;
+        line.end_in_world *= size;
+    }
+    labels
+}
+
+#[test]
+fn worlds_of_millimetres_and_of_kilometres_train_like_the_room_in_metres() {
+    let at = [0.1f32, -0.2, 2.5, -0.4, 0.3, 3.0];
+    for (kind, len) in [(Kind::Points, 3), (Kind::Segments, 6)] {
+        let room = constant_step(&room::labels(1), kind, &at[..len], 0.7, 2.0);
+        assert!(room.reprojection_px > 0.0, "{room:?}");
+        for size in [1e3, 1e-3] {
+            let other = constant_step(&in_units(size), kind, &at[..len], 0.7, 2.0 * size);
+            for (found, expected) in [
+                (other.scene, size * room.scene),
+                (other.reprojection_px, room.reprojection_px),
+                (other.total, room.total),
+            ] {
+                assert!(
+                    (found - expected).abs() < 1e-4 * expected,
+                    "{kind:?} at {size}: {other:?}, not {room:?}"
+                );
+            }
+        }
+    }
 }

@@ -4,7 +4,8 @@
 //   node benches/frame_times.mjs SCENE PICTURES_FOLDER FIRST-LAST FOCAL [rounds]
 //
 // Pictures are taken by their place in the sorted folder. The builds of the engine take turns frame by frame, and with
-// OTHER=FOLDER (`dist/site` of another commit) that one's as well, with the same scene; SITE=FOLDER stands for this commit's.
+// OTHER=FOLDER (`dist/site` of another commit) that one's as well, with the same scene or, where it cannot read it, with
+// OTHER_SCENE; SITE=FOLDER stands for this commit's.
 // Prints medians over all frames after five warm-up frames ("look" is the second look, for scenes with landmarks), and each
 // build's share of the last one's time; under Node also the processor time of a frame, which other programs lengthen less.
 // Node 20 needs --experimental-wasm-relaxed-simd for the relaxed build. CHROME names the browser.
@@ -27,6 +28,7 @@ const variants = ["plain", "relaxed", ...(other ? ["other"] : [])];
 const engine = "vendor/landline/index.js";
 const { page, browser, close } = await blankPage((path) => {
   if (path === "/scene") return sceneFile;
+  if (path === "/other-scene") return process.env.OTHER_SCENE ?? sceneFile;
   if (path.startsWith("/pictures/")) return join(folder, normalize(path.slice(10)));
   return other && path.startsWith("/other/") ? join(other, normalize(path.slice(7))) : join(site, normalize(path));
 }, 600_000);
@@ -37,7 +39,7 @@ await page.evaluate(
     globalThis.relocalizers = {};
     for (const variant of variants) {
       const { Relocalizer } = await import(variant === "other" ? `/other/${engine}` : `/${engine}`);
-      globalThis.relocalizers[variant] = await Relocalizer.create({ scene: "/scene", device: "cpu", ...(variant === "other" ? {} : { build: variant }) });
+      globalThis.relocalizers[variant] = await Relocalizer.create({ device: "cpu", ...(variant === "other" ? { scene: "/other-scene" } : { scene: "/scene", build: variant }) });
     }
     globalThis.decode = async (name) => createImageBitmap(await (await fetch(`/pictures/${name}`)).blob(), { colorSpaceConversion: "none" });
   },
@@ -76,13 +78,13 @@ for (const name of names) {
 }
 await close();
 
-const scene = new Uint8Array(await readFile(sceneFile));
+const scenes = { other: process.env.OTHER_SCENE ?? sceneFile };
 const { checkSupport } = await import(pathToFileURL(join(site, engine)));
 const { wasmRelaxedSimd } = await checkSupport();
 const relocalizers = {};
 for (const variant of variants.filter((variant) => variant !== "relaxed" || wasmRelaxedSimd)) {
   const { Relocalizer } = await import(pathToFileURL(join(variant === "other" ? other : site, engine)));
-  relocalizers[variant] = await Relocalizer.create({ scene: scene.slice(), device: "cpu", ...(variant === "other" ? {} : { build: variant }) });
+  relocalizers[variant] = await Relocalizer.create({ scene: new Uint8Array(await readFile(scenes[variant] ?? sceneFile)), device: "cpu", ...(variant === "other" ? {} : { build: variant }) });
 }
 const underNode = await inTurns(Object.keys(relocalizers), decoded, async (variant, { data, ...frame }) => {
   const { width, height } = frame;

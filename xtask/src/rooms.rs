@@ -46,9 +46,10 @@ struct Room {
 
 /// Rows of an evaluation that the table shows, with the start of their name there; the first is the scene's own, whatever it is
 /// called.
-const ROWS: [(&str, &str); 5] = [
+const ROWS: [(&str, &str); 6] = [
     ("look again", ""),
     ("look again, points only", "points only"),
+    ("look again, lines only", "lines only"),
     ("first pose", "first pose"),
     ("nearest of as many landmarks", "nearest of"),
     ("full matching", "full matching"),

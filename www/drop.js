@@ -30,7 +30,9 @@ async function droppedFiles(transfer) {
   const files = [];
   const visit = async (entry) => {
     if (entry.isFile) {
-      files.push(await new Promise((done, fail) => entry.file(done, fail)));
+      const file = await new Promise((done, fail) => entry.file(done, fail));
+      // Two folders may have pictures of one name.
+      files.push(Object.assign(file, { droppedPath: entry.fullPath.replace(/^\//, "") }));
     } else {
       const reader = entry.createReader();
       for (;;) {

@@ -23,7 +23,7 @@ export async function evaluateFolder({ pictures, poseSource, numTruth, notes }) 
   $("evaluation-table").tBodies[0].replaceChildren();
   const about = poseSource
     ? `${numTruth} of ${pictures.length} pictures have a pose in ${poseSource}.`
-    : "No poses were among these files, so errors cannot be given. Add a list of poses: a .txt file with “pose” in its name and lines “name qw qx qy qz tx ty tz [focal]”, COLMAP’s images.txt, or a .pose.txt beside each picture.";
+    : "No poses were among these files, so errors cannot be given. Add a list of poses (a .txt file with lines “name qw qx qy qz tx ty tz [focal]”), a COLMAP model (images and cameras, .txt or .bin), or a .pose.txt beside each picture.";
   $("evaluation-note").textContent = [about, ...notes].join(" ");
   const progress = $("evaluation-progress");
   progress.hidden = false;

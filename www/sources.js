@@ -43,18 +43,14 @@ export async function samplePlaylist(base) {
 export async function sortFiles(files) {
   const byName = (a, b) => a.name.localeCompare(b.name, "en", { numeric: true });
   const images = files.filter(isImage).sort(byName);
-  const known = await readPoses(files);
-  const poses = images.map((file) => known.find(file.name));
+  const { poses, source, notes } = await readPoses(images, files);
   const numTruth = poses.filter(Boolean).length;
-  const notes = [...known.notes];
-  const repeated = images.length - new Set(images.map(({ name }) => name)).size;
-  if (repeated > 0 && numTruth > 0) notes.push(`${repeated} pictures have a name that occurs before: their poses may be mixed up, so take one folder at a time.`);
   // Thumbnails of hundreds of large pictures would take more memory than the engine.
   const withThumbs = images.length <= 60;
   return {
     scene: files.find(isScene),
     video: files.find(isVideo),
-    poseSource: numTruth > 0 ? known.source : "",
+    poseSource: numTruth > 0 ? source : "",
     numTruth,
     notes,
     pictures: images.map((file, i) => {

@@ -1,5 +1,4 @@
-//! Poses for pictures at hand, out of whatever files lie with them: for a page that is given a folder. (The demo page has readers of
-//! its own still.)
+//! Poses for pictures at hand, out of whatever files lie with them: for a page that is given a folder.
 
 use super::colmap::{self, RawImage};
 use super::list::{self, ListKind};

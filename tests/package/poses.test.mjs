@@ -1,4 +1,4 @@
-// Files of known poses, as the page's evaluation reads them.
+// Poses from the files that data sets come with: the package's reader under Node, and what the page gives to it.
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
 import { join } from "node:path";
@@ -6,53 +6,89 @@ import { test } from "node:test";
 import { pathToFileURL } from "node:url";
 import { root } from "./support.mjs";
 
-// The page's scripts are modules without a package.json of their own, so Node gets the text; the page's import map, which
-// says where the package is, is for browsers.
-const packageUrl = pathToFileURL(join(root, "dist/npm/landline/index.js")).href;
-const script = (await readFile(join(root, "www/poses.js"), "utf8")).replace('from "landline"', `from "${packageUrl}"`);
-const { parseCameras, parseColmap, parseList, parseMatrix, readPoses } = await import(`data:text/javascript,${encodeURIComponent(script)}`);
+const { readPoses } = await import(pathToFileURL(join(root, "dist/npm/landline/mapper/index.js")).href);
+// The page's scripts are modules without a package.json of their own, so Node gets the text.
+const script = (await readFile(join(root, "www/poses.js"), "utf8")).replace('import { loadMapper } from "./mapper.js";', "const loadMapper = undefined;");
+const page = await import(`data:text/javascript,${encodeURIComponent(script)}`);
 
 const s = Math.SQRT1_2;
 /** A quarter turn about z, then one metre along x: world to camera. */
 const turned = [0, -1, 0, 1, 1, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
 /** The same as camera to world. */
 const inverse = "0 1 0 0\n-1 0 0 1\n0 0 1 0\n0 0 0 1";
-const same = (a, b) => assert.ok(a.every((v, i) => Math.abs(v - b[i]) < 1e-12), `${[...a]}`);
-const file = (name, text) => new File([text], name);
+const same = (pose, b) => assert.ok(pose.cameraFromWorld instanceof Float64Array && pose.cameraFromWorld.every((v, i) => Math.abs(v - b[i]) < 1e-12), JSON.stringify(pose));
+const bytes = (text) => new TextEncoder().encode(text);
+const read = (pictures, files) => readPoses(pictures, Object.entries(files).map(([path, text]) => ({ path, bytes: bytes(text) })));
 
-test("a list with focal lengths, one with matrices, and lines that are neither", () => {
-  const { poses, skipped } = parseList(`# comment\nrgb/a.jpg ${s} 0 0 ${s} 1 0 0 585\nb.jpg ${inverse.replaceAll("\n", " ")}\nc.jpg 1 2 3\nd.jpg 0 0 0 0 1 2 3\ne.jpg 1 0 0 x 0 0 0\n`);
-  same(poses.get("a.jpg").cameraFromWorld, turned);
-  assert.equal(poses.get("a.jpg").focal, 585);
-  same(poses.get("b.jpg").cameraFromWorld, turned);
-  assert.equal(skipped, 3);
-  assert.equal(poses.size, 2);
+test("a list with focal lengths, and one of matrices", async () => {
+  const list = await read(["x/rgb/a.jpg", "x/c.jpg"], { "x/poses.txt": `# comment\nrgb/a.jpg ${s} 0 0 ${s} 1 0 0 585\n` });
+  same(list.poses[0], turned);
+  assert.equal(list.poses[0].focal, 585);
+  assert.equal(list.poses[1], null);
+  assert.equal(list.source, "x/poses.txt");
+  const matrices = await read(["b.jpg"], { "poses.txt": `b.jpg ${inverse.replaceAll("\n", " ")}\n` });
+  same(matrices.poses[0], turned);
 });
 
-test("COLMAP's text model, with an empty second line and a name with a space", () => {
-  const { cameras, ignored } = parseCameras("# list\n1 SIMPLE_PINHOLE 640 480 585 320 240\n2 OPENCV 640 480 500 501 320 240 0.1 0 0 0\n3 FISHEYE 1 1 1\n");
-  assert.deepEqual(cameras.get("2"), { fx: 500, fy: 501, cx: 320, cy: 240, width: 640, height: 480 });
-  assert.equal(ignored, 2);
-  const { poses, skipped } = parseColmap(`# two lines each\n7 ${s} 0 0 ${s} 1 0 0 1 left/a b.jpg\n\n8 1 0 0 0 0 0 0 2 c.jpg\n10 20 -1 30 40 5\n`, cameras);
-  same(poses.get("a b.jpg").cameraFromWorld, turned);
-  assert.equal(poses.get("a b.jpg").intrinsics.fx, 585);
-  assert.equal(poses.get("c.jpg").intrinsics.fy, 501);
-  assert.equal(skipped, 0);
+test("a line that is broken names itself, and a scaled matrix is no pose", async () => {
+  const broken = await read(["a.jpg", "e.jpg"], { "poses.txt": "a.jpg 1 0 0 0 0 0 0\ne.jpg 1 0 0 x 0 0 0\n" });
+  assert.deepEqual(broken.poses, [null, null]);
+  assert.match(broken.notes.join(" "), /poses\.txt, line 2/);
+  const scaled = await read(["a.png"], { "poses.txt": "a.png 2 0 0 0 0 2 0 0 0 0 2 0 0 0 0 1\n" });
+  assert.deepEqual(scaled.poses, [null]);
+  assert.match(scaled.notes.join(" "), /similarity/);
 });
 
-test("a matrix beside each picture, as 7-Scenes has", async () => {
-  same(parseMatrix(inverse).cameraFromWorld, turned);
-  assert.equal(parseMatrix("1 2 3"), undefined);
-  const known = await readPoses([file("frame-000001.pose.txt", inverse), file("frame-000002.pose.txt", "nan"), file("frame-000001.color.png", "")]);
-  same(known.find("frame-000001.color.png").cameraFromWorld, turned);
-  assert.equal(known.find("frame-000002.color.png"), undefined);
-  assert.match(known.notes.join(" "), /1 of the \.pose\.txt files/);
+test("COLMAP's text model: an empty second line, a name with a space, a distorted camera", async () => {
+  const cameras = "# list\n1 SIMPLE_PINHOLE 640 480 585 320 240\n2 OPENCV 640 480 500 501 320 240 0.1 0 0 0\n";
+  const images = `# two lines each\n7 ${s} 0 0 ${s} 1 0 0 1 left/a b.jpg\n\n8 1 0 0 0 0 0 0 2 c.jpg\n10 20 -1 30 40 5\n`;
+  const { poses, notes, source } = await read(["r/left/a b.jpg", "r/c.jpg"], { "sparse/0/images.txt": images, "sparse/0/cameras.txt": cameras });
+  same(poses[0], turned);
+  assert.equal(poses[0].intrinsics.fx, 585);
+  assert.deepEqual(poses[1].intrinsics, { fx: 500, fy: 501, cx: 320, cy: 240, width: 640, height: 480 });
+  assert.match(notes.join(" "), /distortion of 1 camera/);
+  assert.match(source, /COLMAP/);
 });
 
-test("the page's own list, and nothing at all", async () => {
+test("a matrix beside each picture; pictures of one name in two folders keep their own", async () => {
+  const other = inverse.replace("-1 0 0 1", "-1 0 0 2");
+  const { poses, notes } = await read(["one/f-1.color.png", "two/f-1.color.png", "two/f-2.color.png"], { "one/f-1.pose.txt": inverse, "two/f-1.pose.txt": other, "two/f-2.pose.txt": "nan" });
+  same(poses[0], turned);
+  same(poses[1], turned.with(3, 2));
+  assert.equal(poses[2], null);
+  assert.equal(notes.length, 1);
+});
+
+test("arguments are checked by name", async () => {
+  await assert.rejects(readPoses("a.jpg", []), /pictures is .*a list of paths/);
+  await assert.rejects(readPoses([], [{ path: "poses.txt", bytes: "text" }]), /files is .*Uint8Array/);
+  await assert.rejects(readPoses([], [], { extractor: "x" }), /no option "extractor"/);
+});
+
+test("the page gives paths where it knows them, reads its own list, and says what could not be read", async () => {
+  const file = (name, text, droppedPath) => Object.assign(new File([text], name), droppedPath ? { droppedPath } : {});
+  const asked = [];
+  const load = async () => ({
+    readPoses: async (pictures, files) => {
+      asked.push([pictures, files.map(({ path }) => path)]);
+      return readPoses(pictures, files);
+    },
+  });
+  const pictures = [file("f-1.png", "", "r/one/f-1.png"), file("f-1.png", "", "r/two/f-1.png")];
+  const files = [...pictures, file("f-1.pose.txt", inverse, "r/two/f-1.pose.txt"), file("points3D.txt", "1"), file("scene.landline", "")];
+  const known = await page.readPoses(pictures, files, load);
+  assert.deepEqual(asked, [[["r/one/f-1.png", "r/two/f-1.png"], ["r/two/f-1.pose.txt"]]]);
+  assert.equal(known.poses[0], null);
+  same(known.poses[1], turned);
+
   const list = { camera: { fx: 1 }, pictures: [{ name: "q.jpg", cam_from_world: [0, 1, 2, 3].map((r) => turned.slice(4 * r, 4 * r + 4)) }] };
-  const known = await readPoses([file("sample.json", JSON.stringify(list))]);
-  same(known.find("q.jpg").cameraFromWorld, turned);
-  assert.equal(known.find("q.jpg").intrinsics.fx, 1);
-  assert.equal((await readPoses([file("other.json", "{")])).find("q.jpg"), undefined);
+  const own = await page.readPoses([file("q.jpg", "")], [file("sample.json", JSON.stringify(list))], load);
+  same(own.poses[0], turned);
+  assert.equal(own.poses[0].intrinsics.fx, 1);
+  assert.deepEqual((await page.readPoses([file("q.jpg", "")], [file("other.json", "{")], load)).poses, [null]);
+
+  const away = async () => Promise.reject(Object.assign(new Error("the mapping part of the engine could not be loaded"), { hint: "Connect." }));
+  const unread = await page.readPoses([file("q.jpg", "")], [file("poses.txt", "q.jpg 1 0 0 0 0 0 0")], away);
+  assert.deepEqual(unread.poses, [null]);
+  assert.match(unread.notes[0], /could not be loaded\. Connect\./);
 });

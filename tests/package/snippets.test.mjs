@@ -18,6 +18,7 @@ const brought = {
   video: "declare const video: HTMLVideoElement;",
   context: "declare const context: CanvasRenderingContext2D;",
   cdn: "declare const cdn: string;",
+  fileInput: "declare const fileInput: HTMLInputElement;",
   useEffect: "declare function useEffect(effect: () => void | (() => void), on: unknown[]): void;",
 };
 

@@ -4,6 +4,7 @@ use crate::error::{Code, js_error};
 use landline::geometry::{CamFromWorld, Camera, CameraModel};
 use landline::image::PixelFormat;
 use nalgebra::{Matrix3, Vector3};
+use serde_json::{Value, json};
 use wasm_bindgen::JsValue;
 
 /// The codes of `web/ts/pixels.ts`.
@@ -57,4 +58,11 @@ pub(crate) fn pose_from(m: &[f64]) -> Result<Option<CamFromWorld>, JsValue> {
         return Err(js_error(Code::BadInput, &message));
     }
     Ok(Some(CamFromWorld::new(rotation, translation)))
+}
+
+/// The `Intrinsics` of `web/ts/types.ts`, of a camera without its distortion.
+pub(crate) fn intrinsics_of(camera: &Camera) -> Value {
+    let (fx, fy) = camera.focal_px();
+    let c = camera.principal_point();
+    json!({ "fx": fx, "fy": fy, "cx": c.x, "cy": c.y, "width": camera.width, "height": camera.height })
 }

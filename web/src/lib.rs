@@ -19,6 +19,8 @@ mod gpu;
 mod mapper;
 #[cfg(feature = "locate")]
 mod place;
+#[cfg(feature = "map")]
+mod poses;
 #[cfg(feature = "locate")]
 mod relocalizer;
 #[cfg(feature = "locate")]
@@ -33,6 +35,8 @@ pub use follow::RawFollower;
 pub use mapper::RawMapper;
 #[cfg(feature = "locate")]
 pub use place::RawPlace;
+#[cfg(feature = "map")]
+pub use poses::read_poses;
 #[cfg(feature = "locate")]
 pub use relocalizer::RawRelocalizer;
 

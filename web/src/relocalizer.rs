@@ -1,7 +1,7 @@
 //! The relocalizer as JavaScript sees it.
 
 use crate::error::{Code, from_create, from_session, js_error};
-use crate::frame::{camera_from, pixel_format, pose_from};
+use crate::frame::{camera_from, intrinsics_of, pixel_format, pose_from};
 use crate::gpu;
 use crate::result::{encode, encode_reason};
 use crate::{performance_now, units_name};
@@ -428,13 +428,7 @@ impl RawRelocalizer {
 fn scene_card(scene: &SceneFile, bytes: &[u8]) -> Result<String, JsValue> {
     let file = TensorFile::parse(bytes).map_err(|e| from_create(&CreateError::Scene(e)))?;
     let info = &scene.info;
-    let camera = info.camera.as_ref().map(|camera| {
-        let (fx, fy) = camera.focal_px();
-        let c = camera.principal_point();
-        serde_json::json!({
-            "fx": fx, "fy": fy, "cx": c.x, "cy": c.y, "width": camera.width, "height": camera.height,
-        })
-    });
+    let camera = info.camera.as_ref().map(intrinsics_of);
     let up = info
         .gravity
         .map(|g| serde_json::json!({ "x": -g.x, "y": -g.y, "z": -g.z }));

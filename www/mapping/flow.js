@@ -4,6 +4,7 @@
  */
 import { startCamera } from "../live.js";
 import { loadScene, showEmpty } from "../loading.js";
+import { loadMapper } from "../mapper.js";
 import { markSource, state, stopSource } from "../session.js";
 import { setPlaying } from "../strip.js";
 import { beginStep } from "./begin.js";
@@ -83,7 +84,7 @@ class Flow {
   async mapper(onProgress) {
     if (this.#mapper) return this.#mapper;
     this.#making ??= (async () => {
-      const { Mapper } = await load();
+      const { Mapper } = await loadMapper();
       return Mapper.create({ onProgress });
     })();
     try {
@@ -164,15 +165,6 @@ class Flow {
     markSource("scene");
     const devices = (await navigator.mediaDevices?.enumerateDevices?.().catch(() => [])) ?? [];
     if (devices.some(({ kind }) => kind === "videoinput")) await startCamera();
-  }
-}
-
-/** The engine's mapping part: a module, a worker and a wasm file of its own. */
-async function load() {
-  try {
-    return await import("landline/mapper");
-  } catch (error) {
-    throw Object.assign(new Error("the mapping part of the engine could not be loaded"), { code: "asset-fetch", hint: "It is loaded once, when it is first used: connect to the network, then try again.", cause: error });
   }
 }
 

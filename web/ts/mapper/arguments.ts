@@ -1,6 +1,6 @@
 /** Arguments of the mapper's calls, checked where they enter. */
-import { checkOptions, kind, loading, number, object, whole, type Check } from "../arguments.js";
-import type { BuildOptions, FrameOptions, MapperOptions, WriteOptions } from "./types.js";
+import { checkArgument, checkOptions, kind, loading, number, object, whole, type Check } from "../arguments.js";
+import type { BuildOptions, FrameOptions, MapperOptions, ReadPosesOptions, WriteOptions } from "./types.js";
 
 const largest = Number.MAX_VALUE;
 const isNumber = number(-largest, largest, "");
@@ -41,9 +41,25 @@ const build: Record<keyof BuildOptions, Check> = {
   licence: kind("string"),
 };
 
+const { onProgress, signal, wasm, worker, workerUrl, stallTimeoutMs, fetch } = loading;
+const poses: Record<keyof ReadPosesOptions, Check> = { onProgress, signal, wasm, worker, workerUrl, stallTimeoutMs, fetch };
+const isFile = (value: unknown): boolean => {
+  const v = value as { path?: unknown; bytes?: unknown } | null;
+  return typeof v === "object" && v !== null && typeof v.path === "string" && v.bytes instanceof Uint8Array;
+};
+const paths: Check = (value) => (Array.isArray(value) && value.every((path) => typeof path === "string") ? undefined : "a list of paths");
+const files: Check = (value) => (Array.isArray(value) && value.every(isFile) ? undefined : "a list of { path, bytes: Uint8Array }");
+
 const write: Record<keyof WriteOptions, Check> = { ...build, scale, up: vector };
 
 export const checkMapperOptions = (options: unknown): void => checkOptions("create", options, create);
 export const checkFrameOptions = (options: unknown): void => checkOptions("addFrame", options, add);
 export const checkBuildOptions = (options: unknown): void => checkOptions("build", options, build);
 export const checkWriteOptions = (options: unknown): void => checkOptions("write", options, write);
+
+/** What `readPoses` takes. */
+export function checkPoses(pictures: unknown, poseFiles: unknown, options: unknown): void {
+  checkArgument("pictures", pictures, paths);
+  checkArgument("files", poseFiles, files);
+  checkOptions("readPoses", options, poses);
+}

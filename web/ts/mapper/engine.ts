@@ -2,9 +2,9 @@
 import { asLandlineError, LandlineError } from "../errors.js";
 import { PixelReader } from "../pixels.js";
 import type { MemoryUse } from "../protocol.js";
-import type { AddRequest, CallName, Calls, CreateRequest, RawReport, SceneRequest, StageEvent, Written } from "./protocol.js";
-import { instantiate, RawMapper } from "./raw.js";
-import type { FrameVerdict, MapStage } from "./types.js";
+import type { AddRequest, CallName, Calls, CreateRequest, PosesRequest, RawReport, SceneRequest, StageEvent, Written } from "./protocol.js";
+import { instantiate, RawMapper, readPoses } from "./raw.js";
+import type { FrameVerdict, KnownPoses, MapStage } from "./types.js";
 
 export const disposed = (): LandlineError => new LandlineError("disposed", "this mapper was disposed of", "Create a new mapper.");
 
@@ -64,6 +64,7 @@ export class MapperEngine {
       this.#isCancelled = this.#isWorking;
       return null;
     },
+    poses: (request) => this.#poses(request),
     memory: (): MemoryUse => ({ wasmBytes: this.#memory?.buffer.byteLength ?? 0 }),
     dispose: () => {
       const raw = this.#raw;
@@ -77,6 +78,19 @@ export class MapperEngine {
     this.#memory = await instantiate(request.module);
     this.#raw = RawMapper.create(request.extractor, JSON.stringify(request.options));
     return null;
+  }
+
+  async #poses({ module, pictures, files }: PosesRequest): Promise<KnownPoses> {
+    this.#memory = await instantiate(module);
+    const bytes = new Uint8Array(files.reduce((sum, file) => sum + file.bytes.length, 0));
+    let at = 0;
+    for (const file of files) {
+      bytes.set(file.bytes, at);
+      at += file.bytes.length;
+    }
+    const heads = files.map((file) => ({ path: file.path, len: file.bytes.length }));
+    const { source, notes, poses } = JSON.parse(readPoses(JSON.stringify({ pictures, files: heads }), bytes)) as KnownPoses;
+    return { source, notes, poses: poses.map((pose) => pose && { ...pose, cameraFromWorld: Float64Array.from(pose.cameraFromWorld) }) };
   }
 
   #add({ frame, intrinsics, areExact, pose, gravity, name, keep }: AddRequest): FrameVerdict {

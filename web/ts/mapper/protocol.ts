@@ -1,7 +1,7 @@
 /** Messages between the page and the mapper's worker. */
 import type { CallRequest } from "../rpc.js";
 import type { MemoryUse, WireFrame } from "../protocol.js";
-import type { FrameVerdict, MapStage, ScaleFrom } from "./types.js";
+import type { FrameVerdict, KnownPoses, MapStage, PoseFile, ScaleFrom } from "./types.js";
 
 export interface CreateRequest {
   module: WebAssembly.Module;
@@ -56,6 +56,13 @@ export interface Written {
   lines: Float32Array;
 }
 
+/** What `readPoses` takes; needs no mapper. */
+export interface PosesRequest {
+  module: WebAssembly.Module;
+  pictures: readonly string[];
+  files: readonly PoseFile[];
+}
+
 export interface Calls {
   create: { request: CreateRequest; reply: null };
   add: { request: AddRequest; reply: FrameVerdict };
@@ -66,6 +73,7 @@ export interface Calls {
   /** Stops `build` and `write`, which reject with the code `aborted`; answered at once. */
   cancel: { request: null; reply: null };
   memory: { request: null; reply: MemoryUse };
+  poses: { request: PosesRequest; reply: KnownPoses };
   dispose: { request: null; reply: null };
 }
 

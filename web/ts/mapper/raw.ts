@@ -1,8 +1,8 @@
 /** The only file of the mapper that knows the generated bindings. */
 import { LandlineError } from "../errors.js";
-import init, { RawMapper } from "./landline_mapper.js";
+import init, { RawMapper, readPoses } from "./landline_mapper.js";
 
-export { RawMapper };
+export { RawMapper, readPoses };
 
 let memory: Promise<WebAssembly.Memory> | undefined;
 

@@ -147,6 +147,35 @@ export interface MapResult {
   report: MapReport;
 }
 
+/** A file that may hold poses. */
+export interface PoseFile {
+  /** With its folders as far as they are known: of two pictures of one name they tell which is meant. */
+  path: string;
+  bytes: Uint8Array;
+}
+
+export interface KnownPose {
+  /** Row-major 4x4; OpenCV's axes: x right, y down, z forward. Lengths are the files'. */
+  cameraFromWorld: Float64Array;
+  /** Without lens distortion, where the files have a camera. */
+  intrinsics?: Intrinsics;
+  /** Focal length in pixels, where that is all they have. */
+  focal?: number;
+}
+
+/** What files say of pictures. */
+export interface KnownPoses {
+  /** Where poses are from, in words; empty without any. */
+  source: string;
+  /** Sentences for people about what was chosen and what cannot be used. */
+  notes: string[];
+  /** For each picture, in the order given. */
+  poses: (KnownPose | null)[];
+}
+
+/** Options of `readPoses`; each as in `MapperOptions`. */
+export type ReadPosesOptions = Pick<MapperOptions, "wasm" | "worker" | "workerUrl" | "fetch" | "signal" | "onProgress" | "stallTimeoutMs">;
+
 /** How far filming has come. */
 export interface Coverage {
   keyframes: number;

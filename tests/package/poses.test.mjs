@@ -52,7 +52,7 @@ test("COLMAP's text model: an empty second line, a name with a space, a distorte
 
 test("a matrix beside each picture; pictures of one name in two folders keep their own", async () => {
   const other = inverse.replace("-1 0 0 1", "-1 0 0 2");
-  const { poses, notes } = await read(["one/f-1.color.png", "two/f-1.color.png", "two/f-2.color.png"], { "one/f-1.pose.txt": inverse, "two/f-1.pose.txt": other, "two/f-2.pose.txt": "nan" });
+  const { poses, notes } = await read(["one/f-1.color.png", "two/f-1.color.png", "two/f-2.color.png"], { "one/f-1.pose.txt": inverse, "two/f-1.pose.txt": other, "two/f-2.pose.txt": "nan ".repeat(16) });
   same(poses[0], turned);
   same(poses[1], turned.with(3, 2));
   assert.equal(poses[2], null);

@@ -486,6 +486,7 @@ export type * from "./types.js";
 
 /** landline/mapper: makes a scene of a film, on the device. */
 export { Mapper, packagedMapperWasmUrl } from "./mapper.js";
+export { readPoses } from "./poses.js";
 export type * from "./types.js";
 
 // ---- mapper/mapper.d.ts
@@ -527,6 +528,18 @@ export declare class Mapper extends EventTarget {
     dispose(): Promise<void>;
     [Symbol.asyncDispose](): Promise<void>;
 }
+
+// ---- mapper/poses.d.ts
+
+import type { KnownPoses, PoseFile, ReadPosesOptions } from "./types.js";
+/**
+ * Poses of pictures out of files that data sets come with: a COLMAP model (`images.txt` or `.bin`, with its cameras), a
+ * matrix `NAME.pose.txt` beside each picture, or a list of poses. Pictures are given by their paths; what is no text and no model
+ * is passed over, and a damaged file gives no pose and a note that names the place.
+ *
+ * Rejects as `Mapper.create` does where the engine cannot be loaded.
+ */
+export declare function readPoses(pictures: readonly string[], files: readonly PoseFile[], options?: ReadPosesOptions): Promise<KnownPoses>;
 
 // ---- mapper/types.d.ts
 
@@ -685,6 +698,31 @@ export interface MapResult {
     scene: Uint8Array;
     report: MapReport;
 }
+/** A file that may hold poses. */
+export interface PoseFile {
+    /** With its folders as far as they are known: of two pictures of one name they tell which is meant. */
+    path: string;
+    bytes: Uint8Array;
+}
+export interface KnownPose {
+    /** Row-major 4x4; OpenCV's axes: x right, y down, z forward. Lengths are the files'. */
+    cameraFromWorld: Float64Array;
+    /** Without lens distortion, where the files have a camera. */
+    intrinsics?: Intrinsics;
+    /** Focal length in pixels, where that is all they have. */
+    focal?: number;
+}
+/** What files say of pictures. */
+export interface KnownPoses {
+    /** Where poses are from, in words; empty without any. */
+    source: string;
+    /** Sentences for people about what was chosen and what cannot be used. */
+    notes: string[];
+    /** For each picture, in the order given. */
+    poses: (KnownPose | null)[];
+}
+/** Options of `readPoses`; each as in `MapperOptions`. */
+export type ReadPosesOptions = Pick<MapperOptions, "wasm" | "worker" | "workerUrl" | "fetch" | "signal" | "onProgress" | "stallTimeoutMs">;
 /** How far filming has come. */
 export interface Coverage {
     keyframes: number;

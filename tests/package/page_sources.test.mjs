@@ -1,6 +1,6 @@
 // The ways into the page: files that are dropped, a video, an address, a folder with poses.
 import assert from "node:assert/strict";
-import { cp, mkdtemp, readFile, rm } from "node:fs/promises";
+import { cp, mkdtemp, readFile, rm, writeFile } from "node:fs/promises";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { test } from "node:test";
@@ -49,6 +49,29 @@ test("a dropped folder with a scene and poses is evaluated", { skip, timeout: 24
   assert.match(rows[1], /^query-00\.jpg,true,0\.0\d+,/);
   await page.locator("#evaluation").scrollIntoViewIfNeeded();
   await page.screenshot({ path: artefact("evaluation.png"), fullPage: true });
+  assert.deepEqual(said, []);
+});
+
+test("poses in a list are read by the mapping engine", { skip, timeout: 240_000 }, async (t) => {
+  const { pictures, folder: sample } = await sampleFiles();
+  const folder = await mkdtemp(join(tmpdir(), "landline-folder-"));
+  t.after(() => rm(folder, { recursive: true, force: true }));
+  const four = pictures.slice(0, 4);
+  for (const { name } of four) await cp(join(sample, name), join(folder, name));
+  const { pictures: known } = JSON.parse(await readFile(join(sample, "sample.json"), "utf8"));
+  const line = ({ name }) => {
+    const m = known.find((picture) => picture.name === name).cam_from_world.flat();
+    const rows = [0, 1, 2].flatMap((i) => [m[i], m[4 + i], m[8 + i], -(m[i] * m[3] + m[4 + i] * m[7] + m[8 + i] * m[11])]);
+    return `${name} ${[...rows, 0, 0, 0, 1].join(" ")}\n`;
+  };
+  await writeFile(join(folder, "poses.txt"), `${four.slice(0, 3).map(line).join("")}away.jpg 1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n`);
+  const server = await serve(t);
+  const { page, said } = await open(await browser(t), server.url);
+  await located(page);
+  await drop(page, [folder]);
+  await page.waitForFunction(() => document.querySelector("#evaluation").dataset.done === "true");
+  assert.match(await page.textContent("#evaluation-note"), /3 of 4 pictures have a pose in .*poses\.txt\. 1 poses are of pictures that are not here\./);
+  assert.match(await page.textContent("#evaluation-facts"), /Within 5 cm, 5°100\.0 %/);
   assert.deepEqual(said, []);
 });
 

@@ -4,7 +4,7 @@
 //! Positions are index coordinates of the picture.
 
 use super::patch::interpolate;
-use crate::image::GrayImage;
+use crate::image::GrayView;
 
 /// Normals of one edge, at most.
 const MAX_NORMALS: usize = 24;
@@ -76,7 +76,11 @@ struct Steps {
 /// Looks for an edge near a piece. `strength` is the signed step of the reference (positive: brighter on the side of the normal,
 /// which is the direction turned from x towards y); without one the edge's own sign is taken. The piece of the edge between the
 /// same normals, and its step.
-pub(super) fn find(image: &GrayImage, near: &Piece, strength: Option<f32>) -> Option<(Piece, f32)> {
+pub(super) fn find(
+    image: &GrayView<'_>,
+    near: &Piece,
+    strength: Option<f32>,
+) -> Option<(Piece, f32)> {
     let piece = near.inside(image.width, image.height)?;
     let length = piece.length();
     let count = ((length / SPACING) as usize).min(MAX_NORMALS);
@@ -200,7 +204,7 @@ fn through_most(steps: &Steps, count: usize) -> Option<[f32; 2]> {
     ])
 }
 
-fn bilinear(image: &GrayImage, [x, y]: [f32; 2]) -> Option<f32> {
+fn bilinear(image: &GrayView<'_>, [x, y]: [f32; 2]) -> Option<f32> {
     if !(x >= 0.0 && y >= 0.0) {
         return None;
     }
@@ -214,6 +218,7 @@ fn bilinear(image: &GrayImage, [x, y]: [f32; 2]) -> Option<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::GrayImage;
 
     /// A straight border between 60 and 180 through a point, with the exact share of each pixel that lies on the bright side of
     /// it, to a 64th.
@@ -259,7 +264,7 @@ mod tests {
                 start: ends(-30.0),
                 end: ends(30.0),
             };
-            let (found, strength) = find(&image, &near, Some(100.0)).expect("in reach");
+            let (found, strength) = find(&image.view(), &near, Some(100.0)).expect("in reach");
             assert!(
                 distance(&found, through, normal) < 0.1,
                 "{angle} {shift}: {}",
@@ -267,13 +272,13 @@ mod tests {
             );
             assert_eq!(strength, 100.0);
             // The other sign is not there.
-            assert!(find(&image, &near, Some(-100.0)).is_none());
+            assert!(find(&image.view(), &near, Some(-100.0)).is_none());
             // On the border itself the sign shows.
             let own = Piece {
                 start: found.start,
                 end: found.end,
             };
-            let (_, strength) = find(&image, &own, None).expect("on the border");
+            let (_, strength) = find(&image.view(), &own, None).expect("on the border");
             assert!(strength > 60.0);
         }
     }
@@ -289,8 +294,8 @@ mod tests {
             start: [20.0, 30.0],
             end: [120.0, 80.0],
         };
-        assert!(find(&image, &near, None).is_none());
-        assert!(find(&image, &near, Some(50.0)).is_none());
+        assert!(find(&image.view(), &near, None).is_none());
+        assert!(find(&image.view(), &near, Some(50.0)).is_none());
     }
 
     #[test]

@@ -32,11 +32,16 @@ impl PointFlow {
     ///
     /// # Errors
     /// [`ImageError`] for a picture that makes no sense.
-    pub fn load(&mut self, from: &GrayView<'_>, to: &GrayView<'_>) -> Result<(), ImageError> {
+    pub fn load(
+        &mut self,
+        from: &GrayView<'_>,
+        to: &GrayView<'_>,
+        vectors: Level,
+    ) -> Result<(), ImageError> {
         from.check()?;
         to.check()?;
-        self.from.build(from);
-        self.to.build(to);
+        self.from.build(from, vectors);
+        self.to.build(to, vectors);
         Ok(())
     }
 
@@ -52,7 +57,7 @@ impl PointFlow {
         flows.clear();
         flows.extend(points.iter().map(|point| {
             let start = index_coordinates(*point);
-            if !self.template.make(&self.from, start, IDENTITY) {
+            if !self.template.make(&self.from, start, IDENTITY, vectors) {
                 return None;
             }
             let found = self.template.find(&self.to, start, vectors)?;

@@ -8,7 +8,8 @@
 //!   Lucas-Kanade with light taken out and checked on the way back; edges along segments by the strongest step across them; the
 //!   pose by [`pose::refine`] from all of them. Points and lines are moved onto the rays of the reference first, so that its
 //!   pose explains its own picture exactly and later poses differ by the movement alone. Patches are always those of the
-//!   reference, never of the frame before: nothing accumulates.
+//!   reference, never of the frame before: nothing accumulates. Where nothing else says where a search should begin, small
+//!   pictures of the frames, aligned as wholes, tell how the camera turned.
 //! * **Invariants**: the same frames, calls and kernels give the same poses; a pose is finite or absent; frames may change their
 //!   size, which ends the reference.
 //! * **Cost**: about a thousand patch products of 256 pixels a frame; no allocation once sizes and numbers were seen.
@@ -21,6 +22,7 @@ mod pyramid;
 mod reference;
 #[cfg(test)]
 pub(crate) mod tests;
+mod turn;
 
 use crate::geometry::{CamFromWorld, Camera, WorkingFromSensor};
 use crate::image::{FrameView, GrayImage, ImageError, gray_from_frame, working_from_gray};
@@ -32,6 +34,7 @@ use nalgebra::{Matrix3, Matrix6, Vector3};
 use patch::Back;
 use pyramid::Ring;
 use reference::{Reference, index_coordinates, pixel_at};
+use turn::{Thumbnail, turn_between};
 
 /// What a tracker may spend and believe.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -84,6 +87,9 @@ const MAX_ERROR_PX: f64 = 3.0;
 /// corner.
 const MAX_WARP: f32 = 0.03;
 
+/// Small pictures of past frames, for turns between them: more than a second at sixty frames a second.
+const THUMBNAILS: usize = 64;
+
 /// A pose of one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tracked {
@@ -123,6 +129,8 @@ pub struct Tracker {
     options: TrackerOptions,
     pose_options: PoseOptions,
     ring: Ring,
+    /// By frame number modulo their count.
+    thumbnails: Vec<(Option<u64>, Thumbnail)>,
     next_frame: u64,
     gray: GrayImage,
     working: GrayImage,
@@ -156,6 +164,7 @@ impl Tracker {
                 ..PoseOptions::default()
             },
             ring: Ring::new(options.ring),
+            thumbnails: (0..THUMBNAILS).map(|_| <_>::default()).collect(),
             next_frame: 0,
             gray: GrayImage::default(),
             working: GrayImage::default(),
@@ -191,7 +200,13 @@ impl Tracker {
         (self.size, self.working_from_sensor) = (size, map);
         let number = self.next_frame;
         self.next_frame += 1;
-        self.ring.push(number, &self.working.view());
+        self.ring
+            .push(number, &self.working.view(), self.options.kernels);
+        if let Some(pyramid) = self.ring.get(number) {
+            let (of, thumbnail) = &mut self.thumbnails[number as usize % THUMBNAILS];
+            *of = Some(number);
+            thumbnail.take(pyramid);
+        }
         Ok(number)
     }
 
@@ -208,6 +223,26 @@ impl Tracker {
     /// The newest frame up to the given one whose picture is kept.
     pub fn newest_up_to(&self, frame: u64) -> Option<u64> {
         self.ring.at_most(frame)
+    }
+
+    /// How the camera turned from one frame to a later one (`cam_to_from_cam_from`), as small pictures of them and of all frames
+    /// between tell. `None` without a reference, whose camera is meant, and where pictures do not resemble each other or are
+    /// gone.
+    pub fn turned(&self, from: u64, to: u64) -> Option<Matrix3<f64>> {
+        let camera = self.reference.camera?;
+        if to.checked_sub(from)? >= THUMBNAILS as u64 || self.reference_size != self.size {
+            return None;
+        }
+        let thumbnail = |frame: u64| {
+            let (of, thumbnail) = &self.thumbnails[frame as usize % THUMBNAILS];
+            (*of == Some(frame)).then_some(thumbnail)
+        };
+        let mut turn = Matrix3::identity();
+        for frame in from..to {
+            let (a, b) = (thumbnail(frame)?, thumbnail(frame + 1)?);
+            turn = turn_between(a, b, &camera)? * turn;
+        }
+        Some(turn)
     }
 
     /// Forgets the reference.
@@ -261,7 +296,7 @@ impl Tracker {
         );
         self.reference_size = self.size;
         self.ring.release(frame);
-        let enough = self.reference.num_points() + self.reference.lines.len();
+        let enough = self.reference.num_checked() + self.reference.lines.len();
         if enough < self.options.min_inliers {
             self.forget();
             return Err(TrackLoss::FewFound);
@@ -307,8 +342,9 @@ impl Tracker {
         let num_points = self.find_points(frame, &camera, expected, sigma_m)?;
         let num_lines = self.find_lines(frame, &camera, expected, sigma_m)?;
         let looked_for = num_points + num_lines;
+        let most_points = self.reference.num_points().min(self.options.max_points);
         if looked_for < self.options.min_inliers
-            || looked_for * 8 < self.reference.num_points() + self.reference.lines.len()
+            || looked_for * 8 < most_points + self.reference.lines.len()
         {
             return Err(TrackLoss::OutOfView);
         }
@@ -361,7 +397,10 @@ impl Tracker {
         let (points, reference) = self.reference.points();
         let (width, height) = picture.size();
         for point in points {
-            let Some(start) = point.expect(reference, camera, expected, MAX_WARP) else {
+            if looked_for == self.options.max_points {
+                break;
+            }
+            let Some(start) = point.expect(reference, camera, expected, MAX_WARP, vectors) else {
                 continue;
             };
             let inside = |v: f32, len: usize| v > 8.0 && v < len as f32 - 9.0;
@@ -401,7 +440,7 @@ impl Tracker {
         sigma_m: f32,
     ) -> Result<usize, TrackLoss> {
         let picture = self.ring.get(frame).ok_or(TrackLoss::NoFrame)?;
-        let image = picture.level(0);
+        let image = picture.level(0).view();
         let mut looked_for = 0;
         self.lines.clear();
         for line in &self.reference.lines {
@@ -417,7 +456,7 @@ impl Tracker {
                 continue;
             }
             looked_for += 1;
-            if let Some((found, _)) = edge::find(image, &near, Some(line.strength)) {
+            if let Some((found, _)) = edge::find(&image, &near, Some(line.strength)) {
                 self.lines.push(LineCorrespondence {
                     start: pixel_at(found.start),
                     end: pixel_at(found.end),

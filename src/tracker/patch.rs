@@ -4,17 +4,17 @@
 //! its grey levels and to a constant once, so that an inner product with the picture sees neither (Bartoli 2008).
 //! Positions are index coordinates of the lowest level of a pyramid.
 
-use super::kernels::{AREA, Place, Rows, SIDE, Sums, Work, multiply};
-use super::pyramid::{LEVELS, Pyramid};
-use crate::image::GrayImage;
+use super::kernels::{
+    AREA, MAX_WARPED, Making, Moments, Place, RIM, Rounding, Rows, SIDE, Straight, Sums, Warped,
+    Work, make_rows, multiply, round_to_bytes, sample_straight, sample_warped,
+};
+use super::pyramid::{BORDER, Bordered, LEVELS, Pyramid};
+use crate::image::GrayView;
 use crate::simd::Level as Vectors;
 
-/// From the first sample of a patch to its centre.
-const HALF: f32 = 0.5 * (SIDE as f32 - 1.0);
-/// Side of what a template is made of: the patch and a pixel on either side for the gradients.
-const RIM: usize = SIDE + 2;
-/// Side of the part of the reference that is kept for the way back, with room for errors of [`WAY_BACK`] pixels.
-const WINDOW: usize = SIDE + 2 * WAY_BACK + 1;
+/// Side of the part of the reference that is kept for the way back, with room for errors of [`WAY_BACK`] pixels; the template is
+/// made of its middle.
+const WINDOW: usize = RIM + 2 * WAY_BACK;
 const WAY_BACK: usize = 4;
 /// Steps at one level.
 const MAX_STEPS: usize = 12;
@@ -39,10 +39,10 @@ struct Layer {
     down: Rows,
     /// Grey levels less their mean.
     gray: Rows,
-    /// Inverse of the gradients' products: xx, xy, yy.
-    inverse: [f32; 3],
-    /// Sum of the squares of `gray`.
-    square: f32,
+    moments: Moments,
+    /// Inverses of the gradients' products, xx, xy and yy: with light taken out, and as they are.
+    free: [f32; 3],
+    plain: [f32; 3],
     is_usable: bool,
 }
 
@@ -52,8 +52,9 @@ impl Default for Layer {
             across: [0.0; AREA],
             down: [0.0; AREA],
             gray: [0.0; AREA],
-            inverse: [0.0; 3],
-            square: 0.0,
+            moments: Moments::default(),
+            free: [0.0; 3],
+            plain: [0.0; 3],
             is_usable: false,
         }
     }
@@ -95,22 +96,36 @@ pub(super) struct Back {
 impl Template {
     /// Makes the template of a point: the reference around `center`, as it looks after the inverse of `affine`. False where
     /// the lowest level does not lie in the reference or has too little structure.
-    pub(super) fn make(&mut self, reference: &Pyramid, center: [f32; 2], affine: Affine) -> bool {
+    pub(super) fn make(
+        &mut self,
+        reference: &Pyramid,
+        center: [f32; 2],
+        affine: Affine,
+        vectors: Vectors,
+    ) -> bool {
         self.affine = affine;
-        let mut scale = 1.0;
-        for (level, layer) in self.layers.iter_mut().enumerate() {
-            let mut rim = [0.0; RIM * RIM];
-            let at = center.map(|x| x * scale);
-            let image = reference.level(level);
-            layer.is_usable = sample::<RIM>(image, at, &affine, &mut rim) && layer.fill(&rim);
-            scale *= 0.5;
-        }
         let mut window = [0.0; WINDOW * WINDOW];
-        let has_window = sample::<WINDOW>(reference.level(0), center, &affine, &mut window);
-        if has_window {
-            self.window = window.map(|v| (v + 0.5) as u8);
+        let image = reference.level(0);
+        if !sample::<WINDOW>(image, center, &affine, &mut window, vectors) {
+            return false;
         }
-        has_window && self.layers[0].is_usable
+        let rim = &window[WAY_BACK * WINDOW + WAY_BACK..];
+        if !self.layers[0].fill(rim, WINDOW, vectors) {
+            return false;
+        }
+        let rounding = Rounding {
+            from: &window,
+            to: &mut self.window,
+        };
+        round_to_bytes(vectors, rounding);
+        for level in 1..LEVELS {
+            let mut rim = [0.0; RIM * RIM];
+            let scale = 1.0 / (1 << level) as f32;
+            let (image, at) = (reference.level(level), center.map(|x| x * scale));
+            self.layers[level].is_usable = sample::<RIM>(image, at, &affine, &mut rim, vectors)
+                && self.layers[level].fill(&rim, RIM, vectors);
+        }
+        true
     }
 
     /// Largest difference between the map of the template and another one.
@@ -134,13 +149,14 @@ impl Template {
                 continue;
             }
             let from = position.map(|x| x * scale);
-            let image = picture.level(level);
+            let image = Ground::of(picture.level(level));
             // A level that fails leaves the position to the next one.
             if let Some(found) = layer.align(image, from, LAST_STEP_ABOVE, vectors) {
                 position = found.position.map(|x| x / scale);
             }
         }
-        self.layers[0].align(picture.level(0), position, LAST_STEP, vectors)
+        let image = Ground::of(picture.level(0));
+        self.layers[0].align(image, position, LAST_STEP, vectors)
     }
 
     /// How far from the template's centre the way back from the found place ends, in pixels; infinite where it ends nowhere.
@@ -152,19 +168,18 @@ impl Template {
         vectors: Vectors,
     ) -> f32 {
         let mut rim = [0.0; RIM * RIM];
-        if !sample::<RIM>(picture.level(0), found.position, &IDENTITY, &mut rim)
-            || !back.layer.fill(&rim)
+        let (image, at) = (picture.level(0), found.position);
+        if !sample::<RIM>(image, at, &IDENTITY, &mut rim, vectors)
+            || !back.layer.fill(&rim, RIM, vectors)
         {
             return f32::INFINITY;
         }
         let center = 0.5 * (WINDOW as f32 - 1.0);
-        let window = Gray {
-            data: &self.window,
-            width: WINDOW,
-            height: WINDOW,
+        let window = Ground {
+            gray: GrayView::tight(&self.window, WINDOW, WINDOW),
+            border: 0.0,
         };
-        let from = [center; 2];
-        let ended = back.layer.align_in(window, from, LAST_STEP, vectors);
+        let ended = back.layer.align(window, [center; 2], LAST_STEP, vectors);
         ended.map_or(f32::INFINITY, |ended| {
             let [x, y] = ended.position.map(|v| v - center);
             (x * x + y * y).sqrt()
@@ -172,93 +187,97 @@ impl Template {
     }
 }
 
-/// A tight grey picture.
+/// A picture and how far its pixels go on beyond its index coordinates.
 #[derive(Debug, Clone, Copy)]
-struct Gray<'a> {
-    data: &'a [u8],
-    width: usize,
-    height: usize,
+struct Ground<'a> {
+    gray: GrayView<'a>,
+    border: f32,
+}
+
+impl<'a> Ground<'a> {
+    fn of(level: &'a Bordered) -> Self {
+        Self {
+            gray: level.whole(),
+            border: BORDER as f32,
+        }
+    }
+
+    /// Where a square of samples around a position lies; `None` unless all of it and one pixel more are there.
+    fn place(&self, [x, y]: [f32; 2], side: usize) -> Option<Place<'a>> {
+        let half = 0.5 * (side as f32 - 1.0) - self.border;
+        let (left, top) = (x - half, y - half);
+        if !(left >= 0.0 && top >= 0.0) {
+            return None;
+        }
+        let (column, row) = (left as usize, top as usize);
+        let GrayView {
+            data,
+            width,
+            height,
+            stride,
+        } = self.gray;
+        if column + side >= width || row + side >= height {
+            return None;
+        }
+        Some(Place {
+            data,
+            stride,
+            first: row * stride + column,
+            shift: [left - column as f32, top - row as f32],
+        })
+    }
 }
 
 impl Layer {
-    /// Gradients by central differences, made orthogonal. False where there is too little structure.
-    fn fill(&mut self, rim: &[f32; RIM * RIM]) -> bool {
+    /// Takes samples of the patch and a rim of one pixel, in rows of `stride`. False where there is too little structure.
+    fn fill(&mut self, rim: &[f32], stride: usize, vectors: Vectors) -> bool {
+        let work = Making {
+            rim,
+            stride,
+            across: &mut self.across,
+            down: &mut self.down,
+            gray: &mut self.gray,
+            moments: &mut self.moments,
+        };
+        make_rows(vectors, work);
         let n = AREA as f32;
-        let (mut sum, mut sum_across, mut sum_down) = (0.0, 0.0, 0.0);
-        for row in 0..SIDE {
-            for column in 0..SIDE {
-                let (at, in_rim) = (row * SIDE + column, (row + 1) * RIM + column + 1);
-                let gray = rim[in_rim];
-                let across = 0.5 * (rim[in_rim + 1] - rim[in_rim - 1]);
-                let down = 0.5 * (rim[in_rim + RIM] - rim[in_rim - RIM]);
-                (self.gray[at], self.across[at], self.down[at]) = (gray, across, down);
-                sum += gray;
-                sum_across += across;
-                sum_down += down;
-            }
-        }
-        let [mean, mean_across, mean_down] = [sum, sum_across, sum_down].map(|s| s / n);
-        let (mut square, mut with_across, mut with_down) = (0.0, 0.0, 0.0);
-        for at in 0..AREA {
-            self.gray[at] -= mean;
-            self.across[at] -= mean_across;
-            self.down[at] -= mean_down;
-            square += self.gray[at] * self.gray[at];
-            with_across += self.gray[at] * self.across[at];
-            with_down += self.gray[at] * self.down[at];
-        }
         // A standard deviation of two grey levels is sensor noise.
-        if !(square > 4.0 * n) {
+        if !(self.moments.square > 4.0 * n) {
             return false;
         }
-        let (share_across, share_down) = (with_across / square, with_down / square);
-        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-        for at in 0..AREA {
-            self.across[at] -= share_across * self.gray[at];
-            self.down[at] -= share_down * self.gray[at];
-            xx += self.across[at] * self.across[at];
-            xy += self.across[at] * self.down[at];
-            yy += self.down[at] * self.down[at];
-        }
-        let determinant = xx * yy - xy * xy;
+        let [xx, xy, yy] = self.moments.free;
         let half = 0.5 * (xx - yy);
         let smaller = 0.5 * (xx + yy) - (half * half + xy * xy).sqrt();
-        self.square = square;
-        if !(smaller > MIN_CORNER * n && determinant > 0.0) {
-            return false;
+        let inverses = inverse(self.moments.free).zip(inverse(self.moments.plain));
+        match inverses {
+            Some((free, plain)) if smaller > MIN_CORNER * n => {
+                (self.free, self.plain) = (free, plain);
+                true
+            }
+            _ => false,
         }
-        self.inverse = [yy / determinant, -xy / determinant, xx / determinant];
-        true
-    }
-
-    fn align(
-        &self,
-        image: &GrayImage,
-        start: [f32; 2],
-        last_step: f32,
-        vectors: Vectors,
-    ) -> Option<Found> {
-        let gray = Gray {
-            data: &image.data,
-            width: image.width,
-            height: image.height,
-        };
-        self.align_in(gray, start, last_step, vectors)
     }
 
     /// Gauss-Newton steps at one level.
-    fn align_in(
+    fn align(
         &self,
-        image: Gray<'_>,
+        image: Ground<'_>,
         start: [f32; 2],
         last_step: f32,
         vectors: Vectors,
     ) -> Option<Found> {
         let n = AREA as f32;
+        let Moments {
+            gray,
+            square,
+            mean,
+            share,
+            ..
+        } = self.moments;
         let [mut x, mut y] = start;
-        let mut correlation = -1.0;
+        let (mut correlation, mut is_alike) = (-1.0, false);
         for _ in 0..MAX_STEPS {
-            let place = place(image, [x, y])?;
+            let place = image.place([x, y], SIDE)?;
             let mut sums = Sums::default();
             let work = Work {
                 place,
@@ -268,93 +287,109 @@ impl Layer {
                 sums: &mut sums,
             };
             multiply(vectors, work);
-            let gain = sums.c / self.square;
-            if !(gain > 1.0 / MAX_GAIN && gain < MAX_GAIN) {
-                return None;
-            }
+            // Far off, contrast says nothing of the light.
+            let contrast = sums.c / square;
+            is_alike = contrast > 1.0 / MAX_GAIN && contrast < MAX_GAIN;
+            let gain = if is_alike { contrast } else { 1.0 };
             let variance = sums.square - sums.one * sums.one / n;
-            correlation = sums.c / (self.square * variance.max(1.0)).sqrt();
-            let [xx, xy, yy] = self.inverse;
-            let step = [
-                (xx * sums.a + xy * sums.b) / gain,
-                (xy * sums.a + yy * sums.b) / gain,
-            ];
+            correlation = sums.c / (square * variance.max(1.0)).sqrt();
+            // What of the difference is light, and what is left when it is taken out.
+            let (brighter, stronger) = (sums.one - n * gray, sums.c - square);
+            let of_light = brighter * brighter / n + stronger * stronger / square;
+            let rest = variance - sums.c * contrast;
+            let ([xx, xy, yy], a, b) = if of_light < MAX_SAME_LIGHT * rest {
+                // Light as in the template: the gradients' parts of constants and grey levels tell of the shift too.
+                let whole = |free: f32, i: usize| free + mean[i] * brighter + share[i] * stronger;
+                (self.plain, whole(sums.a, 0), whole(sums.b, 1))
+            } else {
+                (self.free, sums.a / gain, sums.b / gain)
+            };
+            let step = [xx * a + xy * b, xy * a + yy * b];
             x -= step[0];
             y -= step[1];
             if !((x - start[0]).abs() < MAX_MOVE && (y - start[1]).abs() < MAX_MOVE) {
                 return None;
             }
-            if step[0] * step[0] + step[1] * step[1] < last_step * last_step {
+            let moved_sq = step[0] * step[0] + step[1] * step[1];
+            if moved_sq < last_step * last_step {
                 break;
             }
         }
-        Some(Found {
+        is_alike.then_some(Found {
             position: [x, y],
             correlation,
         })
     }
 }
 
+/// Of a symmetric 2x2 matrix, xx, xy and yy.
+fn inverse([xx, xy, yy]: [f32; 3]) -> Option<[f32; 3]> {
+    let determinant = xx * yy - xy * xy;
+    (determinant > 0.0).then(|| [yy / determinant, -xy / determinant, xx / determinant])
+}
+
 /// Smallest mean product of gradients in the direction of least structure, grey levels squared: with noise of two levels a
 /// shift along it is known to a fifth of a pixel over the patch.
 const MIN_CORNER: f32 = 0.4;
-
-/// Where a patch around a position lies; `None` unless all of it and one pixel more are in the picture.
-fn place(image: Gray<'_>, [x, y]: [f32; 2]) -> Option<Place<'_>> {
-    let (left, top) = (x - HALF, y - HALF);
-    if !(left >= 0.0 && top >= 0.0) {
-        return None;
-    }
-    let (column, row) = (left as usize, top as usize);
-    if column + SIDE >= image.width || row + SIDE >= image.height {
-        return None;
-    }
-    Some(Place {
-        data: image.data,
-        stride: image.width,
-        first: row * image.width + column,
-        shift: [left - column as f32, top - row as f32],
-    })
-}
+/// Light has not changed where taking it out explains less than this of what differs besides: an offset then is below a tenth
+/// of the noise of a pixel, which a slope of the grey levels would take for a shift of a hundredth.
+const MAX_SAME_LIGHT: f32 = 0.25;
 
 /// Bilinear samples on a square grid around a position, after a map of the offsets. False unless all of them lie inside.
 fn sample<const N: usize>(
-    image: &GrayImage,
+    image: &Bordered,
     [x, y]: [f32; 2],
     affine: &Affine,
     out: &mut [f32],
+    vectors: Vectors,
 ) -> bool {
+    const { assert!(N <= MAX_WARPED) };
+    let ground = Ground::of(image);
+    if *affine == IDENTITY {
+        let Some(place) = ground.place([x, y], N) else {
+            return false;
+        };
+        let work = Straight {
+            place,
+            side: N,
+            out,
+        };
+        sample_straight(vectors, work);
+        return true;
+    }
     let half = 0.5 * (N as f32 - 1.0);
     let [xx, xy, yx, yy] = *affine;
     let reach = [half * (xx.abs() + xy.abs()), half * (yx.abs() + yy.abs())];
+    let center = [x, y].map(|v| v + ground.border);
     let inside = |v: f32, reach: f32, len: usize| v - reach >= 0.0 && v + reach < len as f32 - 1.0;
-    if !(inside(x, reach[0], image.width) && inside(y, reach[1], image.height)) {
+    let GrayView {
+        data,
+        width,
+        height,
+        stride,
+    } = ground.gray;
+    if !(inside(center[0], reach[0], width) && inside(center[1], reach[1], height)) {
         return false;
     }
-    for (row, line) in out.chunks_exact_mut(N).enumerate() {
-        let v = row as f32 - half;
-        for (column, value) in line.iter_mut().enumerate() {
-            let u = column as f32 - half;
-            // Rounding may leave the picture by less than a hair's breadth.
-            let at_x = (x + xx * u + xy * v).max(0.0);
-            let at_y = (y + yx * u + yy * v).max(0.0);
-            let (left, top) = (
-                (at_x as usize).min(image.width - 2),
-                (at_y as usize).min(image.height - 2),
-            );
-            *value = interpolate(image, [left, top], [at_x, at_y]);
-        }
-    }
+    let work = Warped {
+        data,
+        stride,
+        center,
+        map: *affine,
+        side: N,
+        out,
+    };
+    sample_warped(vectors, work);
     true
 }
 
 /// Grey value between four pixels, of which `left_top` is the first; the last row and column are none.
 #[inline]
-pub(super) fn interpolate(image: &GrayImage, [left, top]: [usize; 2], [x, y]: [f32; 2]) -> f32 {
+pub(super) fn interpolate(image: &GrayView<'_>, [left, top]: [usize; 2], [x, y]: [f32; 2]) -> f32 {
     let (right, down) = (x - left as f32, y - top as f32);
-    let first = top * image.width + left;
+    let first = top * image.stride + left;
     let [a, b] = [image.data[first], image.data[first + 1]].map(f32::from);
-    let below = first + image.width;
+    let below = first + image.stride;
     let [c, d] = [image.data[below], image.data[below + 1]].map(f32::from);
     let upper = a + right * (b - a);
     upper + down * (c + right * (d - c) - upper)

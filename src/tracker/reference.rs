@@ -6,10 +6,14 @@ use super::patch::{Affine, IDENTITY, Template};
 use super::pyramid::Pyramid;
 use crate::geometry::{CamFromWorld, Camera, Pixel};
 use crate::pose::{LineCorrespondence, PointCorrespondence};
+use crate::simd::Level;
 use nalgebra::{Matrix6, Vector3};
 
 /// From a point to its neighbours that tell how the picture around it is distorted, in pixels.
 const NEIGHBOUR_PX: f64 = 4.0;
+/// Points that are kept for every one that is looked for: while the camera turns away, those of the part that both pictures show
+/// take the places of those that have left.
+const RESERVE: usize = 3;
 /// Cells of the picture that share the points among them, along its longer and its shorter side.
 const CELLS: (usize, usize) = (10, 8);
 
@@ -34,6 +38,8 @@ pub(super) struct TrackedPoint {
     pub(super) template: Template,
     /// Whether the template can be used as it was made last.
     is_made: bool,
+    /// Whether there is too little to see around the point.
+    is_poor: bool,
 }
 
 /// A segment of the world with its step of grey levels.
@@ -63,6 +69,7 @@ pub(super) struct Reference {
     /// The first `num_points` are in use; the rest keep their memory.
     points: Vec<TrackedPoint>,
     num_points: usize,
+    num_checked: usize,
     pub(super) lines: Vec<TrackedLine>,
     candidates: Vec<Candidate>,
     taken: Vec<usize>,
@@ -80,14 +87,17 @@ impl Reference {
         lines: &[LineCorrespondence],
         options: &TrackerOptions,
     ) {
-        self.pyramid.clone_from(pyramid);
+        self.pyramid.copy_from(pyramid);
         self.camera = Some(*camera);
         self.cam_from_world = Some(*cam_from_world);
         self.covariance = *covariance;
-        self.select(points, options.max_points);
-        self.num_points = 0;
+        self.select(points, RESERVE * options.max_points);
+        (self.num_points, self.num_checked) = (0, 0);
         for i in 0..self.taken.len() {
-            self.add_point(&points[self.taken[i]], camera, cam_from_world);
+            let point = &points[self.taken[i]];
+            // Templates of the reserve are made when they are needed.
+            let vectors = (i < options.max_points).then_some(options.kernels);
+            self.add_point(point, camera, cam_from_world, vectors);
         }
         self.lines.clear();
         for line in lines {
@@ -101,8 +111,14 @@ impl Reference {
         (&mut self.points[..self.num_points], &self.pyramid)
     }
 
+    /// Points, those of the reserve among them.
     pub(super) fn num_points(&self) -> usize {
         self.num_points
+    }
+
+    /// Points that have a template for certain.
+    pub(super) fn num_checked(&self) -> usize {
+        self.num_checked
     }
 
     pub(super) fn worlds(&self) -> impl Iterator<Item = &Vector3<f64>> {
@@ -111,7 +127,7 @@ impl Reference {
 
     /// Chooses points with much structure, spread over the picture: round after round the best of each cell.
     fn select(&mut self, points: &[PointCorrespondence], max: usize) {
-        let image = self.pyramid.level(0);
+        let image = self.pyramid.level(0).view();
         let (across, down) = if image.width >= image.height {
             CELLS
         } else {
@@ -172,6 +188,7 @@ impl Reference {
         point: &PointCorrespondence,
         camera: &Camera,
         cam_from_world: &CamFromWorld,
+        vectors: Option<Level>,
     ) {
         let depth = cam_from_world.transform_point(&point.point_in_world).z;
         // On whole pixels the template needs no interpolation; which point of the surface is tracked does not matter.
@@ -194,10 +211,17 @@ impl Reference {
         slot.in_world = in_world;
         slot.neighbours_in_world = [right, below];
         slot.center = index_coordinates(snapped);
-        slot.is_made = slot.template.make(&self.pyramid, slot.center, IDENTITY);
-        if slot.is_made {
-            self.num_points += 1;
+        (slot.is_made, slot.is_poor) = (false, false);
+        if let Some(vectors) = vectors {
+            slot.is_made = slot
+                .template
+                .make(&self.pyramid, slot.center, IDENTITY, vectors);
+            if !slot.is_made {
+                return;
+            }
+            self.num_checked += 1;
         }
+        self.num_points += 1;
     }
 
     fn add_line(
@@ -210,7 +234,7 @@ impl Reference {
             start: index_coordinates(line.start),
             end: index_coordinates(line.end),
         };
-        let Some((found, strength)) = edge::find(self.pyramid.level(0), &near, None) else {
+        let Some((found, strength)) = edge::find(&self.pyramid.level(0).view(), &near, None) else {
             return;
         };
         let world_from_cam = cam_from_world.inverse();
@@ -248,7 +272,11 @@ impl TrackedPoint {
         camera: &Camera,
         cam_from_world: &CamFromWorld,
         max_warp: f32,
+        vectors: Level,
     ) -> Option<[f32; 2]> {
+        if self.is_poor {
+            return None;
+        }
         let project = |p: &Vector3<f64>| camera.pixel_from_cam(&cam_from_world.transform_point(p));
         let at = project(&self.in_world)?;
         let [right, below] = [
@@ -264,7 +292,7 @@ impl TrackedPoint {
         }
         let affine: Affine = [yy, -xy, -yx, xx].map(|v| (v / determinant) as f32);
         if !self.is_made || self.template.warped_by(&affine) > max_warp {
-            self.is_made = self.template.make(reference, self.center, affine);
+            self.is_made = self.template.make(reference, self.center, affine, vectors);
         }
         self.is_made.then(|| index_coordinates(at))
     }
@@ -272,12 +300,12 @@ impl TrackedPoint {
 
 /// Sum of the smaller eigenvalue of the gradients around a position: cheap, for the choice of points.
 fn structure(pyramid: &Pyramid, [x, y]: [f32; 2]) -> f32 {
-    let image = pyramid.level(0);
+    let image = pyramid.level(0).view();
     let (column, row) = (x as usize, y as usize);
     let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
     for v in row - 6..row + 7 {
         for u in column - 6..column + 7 {
-            let at = |u: usize, v: usize| f32::from(image.data[v * image.width + u]);
+            let at = |u: usize, v: usize| f32::from(image.data[v * image.stride + u]);
             let across = at(u + 1, v) - at(u - 1, v);
             let down = at(u, v + 1) - at(u, v - 1);
             xx += across * across;

@@ -5,8 +5,8 @@ use crate::geometry::{Pixel, rotation_from_vector};
 use crate::image::{GrayView, PixelFormat};
 use crate::math::Rng;
 
-const WIDTH: usize = 320;
-const HEIGHT: usize = 240;
+pub(crate) const WIDTH: usize = 320;
+pub(crate) const HEIGHT: usize = 240;
 
 /// A smooth texture without repetition: waves of many directions and lengths.
 struct Texture {
@@ -74,7 +74,8 @@ fn errors(
     level: Level,
 ) -> (Vec<f64>, usize) {
     let (points, mut flow, mut flows) = (grid(), PointFlow::default(), Vec::new());
-    flow.load(&view(first), &view(second)).expect("pictures");
+    flow.load(&view(first), &view(second), level)
+        .expect("pictures");
     flow.find(&points, true, level, &mut flows);
     let mut all = Vec::new();
     for (point, flow) in points.iter().zip(&flows) {
@@ -135,7 +136,8 @@ fn walls_and_borders_are_refused() {
         row[160..].fill(180);
     }
     let (mut flow, mut flows) = (PointFlow::default(), Vec::new());
-    flow.load(&view(&edge), &view(&edge)).expect("pictures");
+    flow.load(&view(&edge), &view(&edge), Level::Portable)
+        .expect("pictures");
     let points = [Pixel::new(160.0, 120.0), Pixel::new(4.0, 4.0)];
     flow.find(&points, true, Level::Portable, &mut flows);
     assert_eq!(flows, [None, None]);

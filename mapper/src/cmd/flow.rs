@@ -62,11 +62,12 @@ pub fn run(args: Args) -> Result<()> {
         points.push(Pixel::new(x, y));
     }
     let (mut flow, mut flows) = (PointFlow::default(), Vec::new());
+    let kernels = args.kernels.level();
     let mut times_ms = Vec::new();
     for _ in 0..args.repeat.max(1) {
         let start = Instant::now();
-        flow.load(&from.view(), &to.view())?;
-        flow.find(&points, !args.no_way_back, args.kernels.level(), &mut flows);
+        flow.load(&from.view(), &to.view(), kernels)?;
+        flow.find(&points, !args.no_way_back, kernels, &mut flows);
         times_ms.push(start.elapsed().as_secs_f64() * 1e3);
     }
     let one = |flow: &Option<Flow>| -> Value {
@@ -77,7 +78,7 @@ pub fn run(args: Args) -> Result<()> {
     println!(
         "{}",
         json!({
-            "kernels": args.kernels.level().name(),
+            "kernels": kernels.name(),
             "ms": median_in_place(&mut times_ms),
             "points": flows.iter().map(one).collect::<Vec<_>>(),
         })

@@ -2,7 +2,8 @@
 //!
 //! * **In and out**: every frame with its time; the answers of a relocalizer, which runs wherever it likes, for some of them; a
 //!   [`FollowReport`] for each frame.
-//! * **Method**: an answer makes its frame the reference of a [`Tracker`], which is followed to the newest frame from there;
+//! * **Method**: an answer makes its frame the reference of a [`Tracker`], which is followed to the newest frame from there, the
+//!   first time by the turn that small pictures of the frames tell;
 //!   answers are averaged along the tracked movement, because each is off by more than the tracker drifts between them; a
 //!   correction fades in, unless it is large: then the next answer has to confirm it, and it is made at once.
 //! * **Invariants**: no frame is an error but one that makes no sense in itself; what is wrong is a state with a reason. Any
@@ -81,6 +82,8 @@ pub struct Follower {
     history: Vec<Past>,
     next_past: usize,
     newest: Option<(u64, f64)>,
+    /// The frame of the motion's last pose.
+    posed: Option<u64>,
     /// Of the frame that was localised last.
     localized: Option<(u64, f64)>,
     num_averaged: u32,
@@ -114,6 +117,7 @@ impl Follower {
             history: Vec::with_capacity(HISTORY),
             next_past: 0,
             newest: None,
+            posed: None,
             localized: None,
             num_averaged: 0,
             doubted: None,
@@ -144,6 +148,7 @@ impl Follower {
 
     fn lose(&mut self) {
         self.motion.reset();
+        self.posed = None;
         self.blend.clear();
         self.history.clear();
         self.next_past = 0;
@@ -200,7 +205,11 @@ impl Follower {
         self.newest = Some((number, now_ms));
         self.remember_time(number, now_ms);
 
-        let expected = self.motion.expected(now_ms, turned.filter(|t| is_turn(t)));
+        let turned = turned.copied().filter(is_turn).or_else(|| {
+            let from = self.posed.filter(|_| !self.motion.knows_speed())?;
+            self.tracker.turned(from, number)
+        });
+        let expected = self.motion.expected(now_ms, turned.as_ref());
         let mut loss = None;
         let mut pose = None;
         if let Some(expected) = expected {
@@ -209,7 +218,7 @@ impl Follower {
                 let seconds = before.map_or(0.033, |(_, at)| 1e-3 * (now_ms - at).max(1.0));
                 expected.rotation_angle_to(&last) > FAST_RAD_PER_S * seconds
             });
-            match self.track(number, &expected, last.as_ref()) {
+            match self.track(number, &expected) {
                 Ok(tracked) => pose = Some(self.found(number, now_ms, &tracked)),
                 Err(why) => {
                     loss = Some(why);
@@ -239,23 +248,31 @@ impl Follower {
         })
     }
 
-    /// From where the camera should be, else from where it was.
-    fn track(
-        &mut self,
-        number: u64,
-        expected: &CamFromWorld,
-        last: Option<&CamFromWorld>,
-    ) -> Result<Tracked, TrackLoss> {
+    /// From where the camera should be, else from where it was and turned as the pictures say, else from where it was.
+    fn track(&mut self, number: u64, expected: &CamFromWorld) -> Result<Tracked, TrackLoss> {
         let first = self.tracker.track(number, expected);
-        match (first, last) {
-            (Err(_), Some(last)) if last != expected => self.tracker.track(number, last),
-            (first, _) => first,
+        let (Err(_), Some(last)) = (&first, self.motion.last()) else {
+            return first;
+        };
+        let turn = self
+            .posed
+            .and_then(|from| self.tracker.turned(from, number));
+        if let Some(turn) = turn {
+            let turned = turned_by(&last, &turn);
+            if let Ok(tracked) = self.tracker.track(number, &turned) {
+                return Ok(tracked);
+            }
         }
+        if last == *expected {
+            return first;
+        }
+        self.tracker.track(number, &last)
     }
 
     fn found(&mut self, number: u64, now_ms: f64, tracked: &Tracked) -> FollowPose {
         let believed = tracked.cam_from_world;
         self.motion.add(&believed, now_ms);
+        self.posed = Some(number);
         self.is_tracking = true;
         self.num_misses = 0;
         self.last_loss = None;
@@ -458,6 +475,16 @@ impl Follower {
         self.num_averaged = 1;
         self.motion
             .add(&answer.cam_from_world, self.time_of(answer.frame));
+        self.posed = Some(answer.frame);
+        // At once, turned as the pictures say; step by step where that does not do.
+        let turn = self.tracker.turned(answer.frame, newest);
+        let expected = turn.map(|turn| turned_by(&answer.cam_from_world, &turn));
+        if let Some(expected) = expected
+            && let Ok(tracked) = self.tracker.track(newest, &expected)
+        {
+            self.found(newest, now_ms, &tracked);
+            return AnswerUse::Followed;
+        }
         let stride = (newest.saturating_sub(answer.frame))
             .div_ceil(MAX_HOPS)
             .max(1);
@@ -472,13 +499,13 @@ impl Follower {
             let Some(expected) = self.motion.expected(time, None) else {
                 break;
             };
-            let last = self.motion.last();
-            match self.track(at, &expected, last.as_ref()) {
+            match self.track(at, &expected) {
+                Ok(tracked) if at == newest => {
+                    self.found(newest, now_ms, &tracked);
+                }
                 Ok(tracked) => {
                     self.motion.add(&tracked.cam_from_world, time);
-                    if at == newest {
-                        self.found(newest, now_ms, &tracked);
-                    }
+                    self.posed = Some(at);
                 }
                 // The next hop or frame may succeed.
                 Err(why) => self.last_loss = Some(why),
@@ -519,6 +546,11 @@ impl Follower {
         }
         same && now_ms - self.same_since_ms > self.options.max_frozen_ms
     }
+}
+
+/// The pose of a camera that turned where it was.
+fn turned_by(pose: &CamFromWorld, turn: &Matrix3<f64>) -> CamFromWorld {
+    CamFromWorld::new(turn * pose.rotation, turn * pose.translation)
 }
 
 /// Whether a matrix that a sensor gives is a turn.

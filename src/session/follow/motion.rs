@@ -38,6 +38,18 @@ impl Motion {
         }
     }
 
+    /// The pose before the last one and how much earlier it was, if both tell of a speed.
+    fn base(&self) -> Option<(CamFromWorld, f64)> {
+        let ((_, at), (pose, before)) = (self.last?, self.before?);
+        let base = at - before;
+        (base > 0.0 && base <= MAX_BASE_MS).then_some((pose, base))
+    }
+
+    /// Whether poses tell how fast the camera moves.
+    pub(super) fn knows_speed(&self) -> bool {
+        self.base().is_some()
+    }
+
     /// The pose at a time, if the camera goes on as it did; turned as a sensor says where one does.
     pub(super) fn expected(
         &self,
@@ -46,11 +58,7 @@ impl Motion {
     ) -> Option<CamFromWorld> {
         let (last, at) = self.last?;
         let ahead = (timestamp_ms - at).clamp(0.0, MAX_AHEAD_MS);
-        let base = self
-            .before
-            .map(|(pose, before)| (pose, at - before))
-            .filter(|(_, base)| *base > 0.0 && *base <= MAX_BASE_MS);
-        let (turn, center) = match base {
+        let (turn, center) = match self.base() {
             Some((pose, base)) => {
                 let share = ahead / base;
                 let step = vector_from_rotation(&(last.rotation * pose.rotation.transpose()));

@@ -287,3 +287,36 @@ fn bad_times_sizes_and_hanging_cameras_are_states() {
     assert!(player.follower.frame(&broken, 5099.0, None).is_err());
     assert!(player.follower.frame(&half, 5133.0, None).is_ok());
 }
+
+#[test]
+fn a_first_answer_that_is_late_in_a_fast_pan_is_caught_up_with() {
+    // 75 degrees a second: 14 pixels of 320 from frame to frame, a third of the picture until the answer comes.
+    let scene = Scene::new();
+    let poses: Vec<CamFromWorld> = (0..14)
+        .map(|i| {
+            let t = f64::from(i);
+            let turn = rotation_from_vector(&Vector3::new(0.004 * t, 0.044 * t, 0.0));
+            CamFromWorld::new(turn, -(turn * Vector3::new(0.01 * t, 0.0, 0.0)))
+        })
+        .collect();
+    let pictures = poses.iter().map(|pose| scene.render(pose)).collect();
+    let film = Film {
+        scene,
+        poses,
+        pictures,
+    };
+    for late in [3, 8] {
+        let mut player = Player::new(&film);
+        let mut last = player.step();
+        for _ in 0..late {
+            last = player.step();
+        }
+        assert_eq!(player.answer(&last, late, &nothing()), AnswerUse::Followed);
+        for _ in 0..3 {
+            last = player.step();
+            assert_eq!(last.state, FollowState::Tracking, "{late} frames late");
+            let (m, rad) = player.error(&last);
+            assert!(m < 0.015 && rad < 0.004, "{m} m, {rad} rad");
+        }
+    }
+}

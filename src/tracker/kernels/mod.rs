@@ -413,9 +413,11 @@ entry! {
 
 #[inline(always)]
 fn round_to_bytes_lanes<L: Lanes>(work: Rounding<'_>) {
+    let (least, most) = (0.0, 255.0);
     for (to, from) in work.to.iter_mut().zip(work.from) {
-        let nearest = (from + 0.5).max(0.0).min(255.0);
-        // SAFETY: between 0 and 255; `max` takes NaN out.
+        // `clamp` would let NaN through.
+        let nearest = (from + 0.5).max(least).min(most);
+        // SAFETY: between 0 and 255.
         *to = unsafe { nearest.to_int_unchecked::<i32>() } as u8;
     }
 }

@@ -193,7 +193,8 @@ impl Tracker {
         gray_from_frame(frame, &mut self.gray)?;
         let map = working_from_gray(&self.gray.view(), self.options.max_side, &mut self.working)?;
         let size = (frame.width, frame.height);
-        if size != self.size {
+        let is_new_size = size != self.size;
+        if is_new_size {
             self.ring.clear();
             self.forget();
         }
@@ -203,6 +204,13 @@ impl Tracker {
         self.ring
             .push(number, &self.working.view(), self.options.kernels);
         if let Some(pyramid) = self.ring.get(number) {
+            if is_new_size {
+                // All of them at once, so that later frames find their memory.
+                for (of, thumbnail) in &mut self.thumbnails {
+                    *of = None;
+                    thumbnail.take(pyramid);
+                }
+            }
             let (of, thumbnail) = &mut self.thumbnails[number as usize % THUMBNAILS];
             *of = Some(number);
             thumbnail.take(pyramid);

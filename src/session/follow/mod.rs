@@ -15,7 +15,7 @@ mod report;
 #[cfg(test)]
 mod tests;
 
-use crate::geometry::CamFromWorld;
+use crate::geometry::{CamFromWorld, vector_from_rotation};
 use crate::image::{FrameView, ImageError};
 use crate::pose::{LineCorrespondence, PointCorrespondence};
 use crate::tracker::{TrackLoss, Tracked, Tracker, TrackerOptions};
@@ -64,6 +64,10 @@ const HISTORY: usize = 64;
 const MAX_HOPS: u64 = 5;
 /// A loss at a faster turn than this is put down to it, in radians a second.
 const FAST_RAD_PER_S: f64 = 1.5;
+
+/// A sensor's turn from frame to frame that is further than this from what small pictures tell is not believed. They take a
+/// step for a turn, by two degrees when walking past something a metre away.
+const MAX_LIE_RAD: f64 = 0.09;
 
 /// A frame's pose as the tracker found it.
 #[derive(Debug, Clone, Copy)]
@@ -205,7 +209,7 @@ impl Follower {
         self.newest = Some((number, now_ms));
         self.remember_time(number, now_ms);
 
-        let turned = turned.copied().filter(is_turn).or_else(|| {
+        let turned = self.believed_turn(turned, number).or_else(|| {
             let from = self.posed.filter(|_| !self.motion.knows_speed())?;
             self.tracker.turned(from, number)
         });
@@ -246,6 +250,17 @@ impl Follower {
             loss,
             correction,
         })
+    }
+
+    /// A sensor's turn since the frame before, unless it is none or pictures contradict it.
+    fn believed_turn(&self, turned: Option<&Matrix3<f64>>, number: u64) -> Option<Matrix3<f64>> {
+        let turned = turned.copied().filter(is_turn)?;
+        let before = number.checked_sub(1)?;
+        let seen = self.tracker.turned(before, number);
+        let off = seen.map_or(0.0, |seen| {
+            vector_from_rotation(&(turned * seen.transpose())).norm()
+        });
+        (off < MAX_LIE_RAD).then_some(turned)
     }
 
     /// From where the camera should be, else from where it was and turned as the pictures say, else from where it was.

@@ -261,7 +261,7 @@ fn no_more_scenes_are_held_than_there_is_room_for() {
             assert!(place.num_bytes() <= options.max_bytes);
         }
     }
-    assert!(found >= 8, "{found} of 15 frames are located");
+    assert!(found >= 5, "{found} of 15 frames are located");
 }
 
 #[test]

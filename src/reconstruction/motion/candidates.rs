@@ -59,7 +59,9 @@ pub fn candidate_pairs(pictures: &[&FeatureSet], params: &CandidateParams) -> Ve
     }
     let similarity = similarities(pictures, 0x5EED);
     for i in 0..n {
-        let mut others: Vec<usize> = (0..n).filter(|j| *j != i).collect();
+        // The nearest in time are the most similar, and compared already: they would take the place of loops.
+        let least = if params.is_video { params.next } else { 0 };
+        let mut others: Vec<usize> = (0..n).filter(|j| j.abs_diff(i) > least).collect();
         let of = |j: usize| similarity[i * n + j];
         others.sort_by(|a, b| of(*b).total_cmp(&of(*a)).then(a.cmp(b)));
         pairs.extend(

@@ -100,6 +100,11 @@ impl<'a> Ground<'a> {
         }
     }
 
+    /// The same pictures with other pairs.
+    pub(super) fn with_pairs<'b>(&'b self, pairs: &'b [VerifiedPair]) -> Ground<'b> {
+        Ground::new(self.pictures, self.groups, pairs, self.params)
+    }
+
     /// A reconstruction of two pictures; `None` when too few points come out.
     pub(super) fn start(
         &self,

@@ -20,6 +20,7 @@ mod candidates;
 mod contradict;
 mod given;
 mod grow;
+mod join;
 mod loops;
 mod refine;
 mod start;
@@ -373,13 +374,12 @@ pub async fn reconstruct_motion(
         turned: count(TwoViewKind::RotationOnly),
     };
     let ground = Ground::new(pictures, &groups, &pairs, params);
-    let mut components: Vec<Component> = Vec::new();
+    let mut pieces: Vec<Attempt> = Vec::new();
     let mut tried: Vec<(u32, u32)> = Vec::new();
     let mut is_done = vec![false; pictures.len()];
-    let mut last: Option<Attempt> = None;
     loop {
         let num_left = is_done.iter().filter(|d| !**d).count();
-        if num_left < params.min_component.max(2) || components.len() >= 8 {
+        if num_left < params.min_component.max(2) || pieces.len() >= 8 {
             break;
         }
         let Some(start) = best_start(
@@ -404,14 +404,23 @@ pub async fn reconstruct_motion(
             *done |= pose.is_some();
         }
         if !is_small {
-            if let Some(contradiction) = given::contradicted(&ground, &grown) {
-                return Err(contradiction);
-            }
-            components.push(component(&ground, &grown));
-            last.get_or_insert(grown);
+            pieces.push(grown);
         }
     }
-    components.sort_by_key(|c| core::cmp::Reverse(c.num_registered()));
+    let joined = join::join_pieces(&ground, matches, &mut pieces, &mut watch)
+        .await
+        .ok_or(MotionError::Stopped)?;
+    let ground = match &joined {
+        Some(pairs) => ground.with_pairs(pairs),
+        None => ground,
+    };
+    for piece in &pieces {
+        if let Some(contradiction) = given::contradicted(&ground, piece) {
+            return Err(contradiction);
+        }
+    }
+    pieces.sort_by_key(|p| core::cmp::Reverse(p.num_registered()));
+    let components: Vec<Component> = pieces.iter().map(|p| component(&ground, p)).collect();
     if components.is_empty() {
         return Err(MotionError::NoStart {
             pictures: pictures.len(),
@@ -426,7 +435,7 @@ pub async fn reconstruct_motion(
             },
         });
     }
-    let left_out = left_out(&ground, &components, last.as_ref());
+    let left_out = left_out(&ground, &components, pieces.first());
     Ok(Motion {
         components,
         left_out,

@@ -176,7 +176,7 @@ fn grow_once(
 }
 
 /// Takes out what the rest contradicts. How many pictures it were.
-fn clean(ground: &Ground<'_>, attempt: &mut Attempt) -> usize {
+pub(super) fn clean(ground: &Ground<'_>, attempt: &mut Attempt) -> usize {
     let mut num = ground.drop_strays(attempt);
     num += drop_contradicted(ground, attempt);
     if num > 0 {
@@ -186,7 +186,7 @@ fn clean(ground: &Ground<'_>, attempt: &mut Attempt) -> usize {
 }
 
 /// Draws together what came apart by drift: points and losses get wide, then narrow again.
-fn close_loops(ground: &Ground<'_>, attempt: &mut Attempt) {
+pub(super) fn close_loops(ground: &Ground<'_>, attempt: &mut Attempt) {
     for factor in [4.0, 2.0] {
         ground.triangulate(attempt, factor);
         ground.adjust(attempt, &Effort::wide(factor));

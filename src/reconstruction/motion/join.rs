@@ -285,7 +285,7 @@ fn seam(
         }
         Some((num_agreeing(&found, limit), found))
     });
-    let (num, best) = refined.into_iter().flatten().max_by_key(|f| f.0)?;
+    let (_, best) = refined.into_iter().flatten().max_by_key(|f| f.0)?;
     // Steps of a video by themselves too: loops between rooms that look alike may be many more.
     let is_step = |c: &&Crossing| {
         let candidates = &ground.params.candidates;

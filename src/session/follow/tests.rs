@@ -202,8 +202,7 @@ fn a_far_answer_has_to_be_confirmed() {
     );
     let expected = wrong.rotation * player.film.poses[player.next - 1].rotation;
     let pose = last.pose.expect("followed").cam_from_world;
-    let angle =
-        crate::geometry::vector_from_rotation(&(pose.rotation * expected.transpose())).norm();
+    let angle = vector_from_rotation(&(pose.rotation * expected.transpose())).norm();
     assert!(angle < 0.02, "{angle} rad");
 }
 

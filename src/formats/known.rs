@@ -3,10 +3,8 @@
 use super::colmap::{self, RawImage};
 use super::list::{self, ListKind};
 use super::matrix::{matrix, of_color_camera};
-use super::{
-    FormatError, Found, Names, QuaternionOrder, TextFile, expressed, plain, rigid_from_quaternion,
-};
-use crate::geometry::{CamFromWorld, Camera, CameraModel, CameraRecord};
+use super::{FormatError, Found, Names, QuaternionOrder, TextFile, plain, rigid_from_quaternion};
+use crate::geometry::{CamFromWorld, Camera, CameraError, CameraModel, CameraRecord};
 use std::collections::{BTreeMap, HashMap};
 
 /// A file with its path as far as it is known.
@@ -129,7 +127,7 @@ impl KnownPoses {
         let mut bent = 0;
         let mut cameras: HashMap<u32, Option<Camera>> = HashMap::new();
         for (id, record) in records {
-            match expressed(record) {
+            match camera_of(record) {
                 Ok(camera) => {
                     bent += usize::from(camera.model.has_distortion());
                     cameras.insert(*id, pinhole(&camera));
@@ -142,7 +140,7 @@ impl KnownPoses {
                 "The lens distortion of {bent} cameras is not taken into account."
             ));
         }
-        let poses = images.iter().map(|image| {
+        let of_image = |image: &RawImage| {
             let pose = rigid_from_quaternion(
                 QuaternionOrder::default().wxyz(image.quaternion),
                 image.translation.into(),
@@ -153,8 +151,8 @@ impl KnownPoses {
                 focal: None,
             });
             (image.name.clone(), pose.map_err(|e| e.to_string()))
-        });
-        self.assign(names, poses);
+        };
+        self.assign(names, images.iter().map(of_image).collect());
     }
 
     fn read_matrices(
@@ -199,7 +197,7 @@ impl KnownPoses {
                     .to_owned(),
             );
         }
-        self.assign(names, poses.into_iter());
+        self.assign(names, poses);
         Ok(())
     }
 
@@ -215,13 +213,13 @@ impl KnownPoses {
             Some((file, kind))
         });
         let mut lists: Vec<(TextFile, ListKind)> = texts.collect();
-        lists.sort_by_key(|(file, _)| list::rank(file.name()));
-        let Some((file, kind)) = lists.first() else {
+        let best = (0..lists.len()).min_by_key(|i| list::rank(lists[*i].0.name()));
+        let Some((file, kind)) = best.map(|i| lists.swap_remove(i)) else {
             return Ok(());
         };
         self.source = file.name().to_owned();
-        if lists.len() > 1 {
-            let others: Vec<&str> = lists[1..].iter().map(|(f, _)| f.name()).collect();
+        if !lists.is_empty() {
+            let others: Vec<&str> = lists.iter().map(|(f, _)| f.name()).collect();
             self.notes.push(format!(
                 "{} is read; other lists of poses: {}.",
                 file.name(),
@@ -232,7 +230,7 @@ impl KnownPoses {
         for line in file.lines() {
             let entry = list::entry(
                 &line,
-                *kind,
+                kind,
                 kind.usual_direction(),
                 QuaternionOrder::default(),
             )?;
@@ -245,18 +243,14 @@ impl KnownPoses {
                 poses.push((entry.name, pose));
             }
         }
-        self.assign(names, poses.into_iter());
+        self.assign(names, poses);
         Ok(())
     }
 
     /// Gives poses to the pictures that their names mean, and counts what cannot be used.
-    fn assign(
-        &mut self,
-        names: &Names,
-        poses: impl Iterator<Item = (String, Result<KnownPose, String>)>,
-    ) {
+    fn assign(&mut self, names: &Names, poses: Vec<(String, Result<KnownPose, String>)>) {
         let (mut num_absent, mut num_several, mut num_twice) = (0, 0, 0);
-        let mut lost: BTreeMap<String, (usize, String)> = BTreeMap::new();
+        let mut lost: Vec<(String, usize, String)> = Vec::new();
         for (name, pose) in poses {
             let at = match names.find(&name) {
                 Found::One(at) => at,
@@ -272,10 +266,13 @@ impl KnownPoses {
             match pose {
                 Ok(pose) if self.of_pictures[at].is_none() => self.of_pictures[at] = Some(pose),
                 Ok(_) => num_twice += 1,
-                Err(reason) => lost.entry(reason).or_insert((0, name)).0 += 1,
+                Err(reason) => match lost.iter_mut().find(|l| l.0 == reason) {
+                    Some(known) => known.1 += 1,
+                    None => lost.push((reason, 1, name)),
+                },
             }
         }
-        for (reason, (count, name)) in lost {
+        for (reason, count, name) in lost {
             self.notes
                 .push(format!("{count} poses cannot be used ({name}: {reason})."));
         }
@@ -292,6 +289,24 @@ impl KnownPoses {
             }
         }
     }
+}
+
+/// The camera of a record, for what [`pinhole`] leaves of it: no model has to be fitted, as [`super::expressed`] would.
+fn camera_of(record: &CameraRecord) -> Result<Camera, CameraError> {
+    // The first numbers of `FULL_OPENCV` are those of `OPENCV`.
+    let model = match (record.model.as_str(), record.params.as_slice()) {
+        ("FULL_OPENCV", params @ [_, _, _, _, _, _, _, _, _, _, _, _]) => {
+            CameraModel::from_colmap("OPENCV", &params[..8])?
+        }
+        (name, params) => CameraModel::from_colmap(name, params)?,
+    };
+    let camera = Camera {
+        width: record.width,
+        height: record.height,
+        model,
+    };
+    camera.validate()?;
+    Ok(camera)
 }
 
 /// A camera without its distortion. A fisheye's is what makes the picture: without it nothing fits.

@@ -57,20 +57,43 @@ pub fn candidate_pairs(pictures: &[&FeatureSet], params: &CandidateParams) -> Ve
             pairs.extend((gap..n).map(|j| (j - gap, j)));
         }
     }
+    pairs.extend(most_similar(pictures, params.similar, |_, _| true));
+    pairs.sort_unstable();
+    pairs.dedup();
+    pairs
+}
+
+/// The most similar pictures of those that may be compared, for each; (first < second), not sorted, some twice.
+fn most_similar(
+    pictures: &[&FeatureSet],
+    count: usize,
+    may: impl Fn(usize, usize) -> bool,
+) -> Vec<(usize, usize)> {
+    let n = pictures.len();
     let similarity = similarities(pictures, 0x5EED);
+    let mut pairs = Vec::new();
     for i in 0..n {
-        // The nearest in time are the most similar, and compared already: they would take the place of loops.
-        let least = if params.is_video { params.next } else { 0 };
-        let mut others: Vec<usize> = (0..n).filter(|j| j.abs_diff(i) > least).collect();
+        let mut others: Vec<usize> = (0..n).filter(|j| *j != i && may(i, *j)).collect();
         let of = |j: usize| similarity[i * n + j];
         others.sort_by(|a, b| of(*b).total_cmp(&of(*a)).then(a.cmp(b)));
-        pairs.extend(
-            others
-                .into_iter()
-                .take(params.similar)
-                .map(|j| (i.min(j), i.max(j))),
-        );
+        let nearest = others.into_iter().take(count);
+        pairs.extend(nearest.map(|j| (i.min(j), i.max(j))));
     }
+    pairs
+}
+
+/// Pairs across the gaps between pieces, sorted: the most similar pictures of other pieces. Among the usual candidates of a video
+/// the neighbours in time, which are similar above all, take their places. `piece_of` has the piece of each picture.
+pub(super) fn bridging_pairs(
+    pictures: &[&FeatureSet],
+    piece_of: &[Option<usize>],
+    params: &CandidateParams,
+) -> Vec<(usize, usize)> {
+    let is_across = |i: usize, j: usize| match (piece_of[i], piece_of[j]) {
+        (Some(a), Some(b)) => a != b,
+        _ => false,
+    };
+    let mut pairs = most_similar(pictures, params.similar, is_across);
     pairs.sort_unstable();
     pairs.dedup();
     pairs
@@ -235,6 +258,23 @@ mod tests {
         for i in 0..10 {
             assert!(pairs.contains(&(i, i + 10)), "{pairs:?}");
         }
+    }
+
+    #[test]
+    fn pieces_are_compared_with_each_other_only() {
+        let places: Vec<u64> = (0..20).map(|i| i % 10).collect();
+        let sets = pictures(&places);
+        let views: Vec<&FeatureSet> = sets.iter().collect();
+        let params = CandidateParams {
+            similar: 1,
+            ..CandidateParams::default()
+        };
+        let mut piece_of: Vec<Option<usize>> = (0..20).map(|i| Some(i / 10)).collect();
+        piece_of[3] = None;
+        let pairs = bridging_pairs(&views, &piece_of, &params);
+        assert!(pairs.contains(&(4, 14)), "{pairs:?}");
+        let is_across = |(a, b): &(usize, usize)| *a != 3 && *a < 10 && *b >= 10;
+        assert!(pairs.iter().all(is_across), "{pairs:?}");
     }
 
     #[test]

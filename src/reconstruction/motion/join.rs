@@ -6,9 +6,12 @@
 //! either side. Depths of points play no part: seen from one side only they are poor, and so is the pose of a single picture.
 
 use super::adjust::Effort;
+use super::candidates::bridging_pairs;
 use super::grow::{Attempt, Ground};
+use super::loops::reject_lonely;
 use super::start::{clean, close_loops, grow_all};
 use super::{PairMatches, VerifiedPair, verify};
+use crate::features::FeatureSet;
 use crate::geometry::{CamFromWorld, Rigid, Similarity, rotation_from_vector};
 use crate::math::least_squares::{Damping, LeastSquares, Normal, minimize};
 use crate::math::stats::median_in_place;
@@ -16,7 +19,6 @@ use crate::math::{elementary, parallel};
 use crate::reconstruction::Watch;
 use crate::reconstruction::relative::{RelativePose, refine_pose, sampson_sq};
 use nalgebra::{Matrix3, SVector, Vector3};
-use std::collections::BTreeSet;
 
 /// Pictures of either side that have to agree with the join.
 const MIN_AGREEING: usize = 3;
@@ -303,7 +305,7 @@ fn seam(
     }
     let mut pairs = ground.pairs.to_vec();
     let mut is_kept = vec![true; pairs.len()];
-    let (mut of_first, mut of_second) = (BTreeSet::new(), BTreeSet::new());
+    let mut is_agreeing = vec![false; ground.pictures.len()];
     for crossing in &crossings {
         let agreeing = crossing.agreeing(&best, limit);
         let pair = &mut pairs[crossing.pair];
@@ -311,8 +313,8 @@ fn seam(
         if !is_kept[crossing.pair] {
             continue;
         }
-        of_first.insert(crossing.first);
-        of_second.insert(crossing.second);
+        is_agreeing[crossing.first] = true;
+        is_agreeing[crossing.second] = true;
         let raw = find(matches, pair)?;
         pair.matches = agreeing.iter().map(|m| raw.matches[*m]).collect();
         // What the pair says by itself, next to the right answer: the pieces are bent where they end, and come out otherwise.
@@ -331,7 +333,12 @@ fn seam(
     }
     let mut is_kept = is_kept.into_iter();
     pairs.retain(|_| is_kept.next().unwrap_or(true));
-    (of_first.len().min(of_second.len()) >= MIN_AGREEING).then_some(Seam {
+    let agreeing_in = |piece: &Attempt| {
+        let both = piece.poses.iter().zip(&is_agreeing);
+        both.filter(|(pose, agrees)| pose.is_some() && **agrees)
+            .count()
+    };
+    (agreeing_in(first).min(agreeing_in(second)) >= MIN_AGREEING).then_some(Seam {
         first_from_second: best,
         pairs,
     })
@@ -365,16 +372,99 @@ fn joined(
     fits.then_some(both)
 }
 
+/// What lies across the gaps between pieces.
+struct Bridges {
+    /// Matches of pairs across.
+    matches: Vec<PairMatches>,
+    /// All verified pairs, those across with the others.
+    pairs: Vec<VerifiedPair>,
+}
+
+/// Compares pictures across the gaps that were not compared before, or not believed: with the cameras that growth found, and
+/// with each other as witnesses. `None` when stopped.
+async fn bridges(
+    ground: &Ground<'_>,
+    matches: &[PairMatches],
+    pieces: &[Attempt],
+    watch: &mut Watch<'_>,
+) -> Option<Bridges> {
+    let (pictures, params) = (ground.pictures, ground.params);
+    let piece = |i: usize| pieces.iter().position(|p| p.poses[i].is_some());
+    let piece_of: Vec<Option<usize>> = (0..pictures.len()).map(piece).collect();
+    let is_across = |m: &&PairMatches| {
+        let ends = (piece_of[m.a as usize], piece_of[m.b as usize]);
+        matches!(ends, (Some(a), Some(b)) if a != b)
+    };
+    let mut across: Vec<PairMatches> = matches.iter().filter(is_across).cloned().collect();
+    let features: Vec<&FeatureSet> = pictures.iter().map(|p| p.features).collect();
+    let mut new = bridging_pairs(&features, &piece_of, &params.candidates);
+    new.retain(|(a, b)| {
+        !across
+            .iter()
+            .any(|m| (m.a as usize, m.b as usize) == (*a, *b))
+    });
+    let least = params.two_view.min_inliers;
+    across.extend(verify::match_candidates(pictures, &new, params.min_cosine, least, watch).await?);
+    let cameras = &pieces.first()?.cameras;
+    let held = ground.pairs;
+    let holds = |a: u32, b: u32| held.iter().any(|p| (p.a, p.b) == (a, b));
+    let unsure: Vec<PairMatches> = (across.iter())
+        .filter(|m| !holds(m.a, m.b))
+        .cloned()
+        .collect();
+    let mut pairs = held.to_vec();
+    pairs.extend(verify::verify(pictures, cameras, &unsure, &params.two_view, watch).await?);
+    let mut believed = pairs.clone();
+    let rejected = reject_lonely(&mut believed, params.candidates.is_video, &params.loops);
+    // What held before holds.
+    let mut at = 0..;
+    pairs.retain(|p| at.next().is_some_and(|i| i < held.len()) || !rejected.contains(&(p.a, p.b)));
+    Some(Bridges {
+        matches: across,
+        pairs,
+    })
+}
+
+/// Joins pieces where views from far apart bridge the gap between them; the pairs that then hold, or none when nothing was
+/// joined and `pieces` are as they were. `None` when stopped.
+pub(super) async fn bridge_gaps(
+    ground: &Ground<'_>,
+    matches: &[PairMatches],
+    pieces: &mut Vec<Attempt>,
+    watch: &mut Watch<'_>,
+) -> Option<Option<Vec<VerifiedPair>>> {
+    if pieces.len() < 2 {
+        return Some(None);
+    }
+    let bridges = bridges(ground, matches, pieces, watch).await?;
+    let wide = ground.with_pairs(&bridges.pairs);
+    let mut moved = pieces.clone();
+    for piece in &mut moved {
+        piece.points = vec![None; wide.tracks.len()];
+        wide.triangulate(piece, 1.0);
+    }
+    let joined = join_pieces(&wide, &bridges.matches, &mut moved, watch).await?;
+    if joined.is_some() {
+        *pieces = moved;
+    }
+    Some(joined)
+}
+
+/// Sorts pieces by the number of their pictures.
+pub(super) fn largest_first(pieces: &mut [Attempt]) {
+    pieces.sort_by_key(|p| core::cmp::Reverse(p.num_registered()));
+}
+
 /// Joins what can be joined, the largest first, and lets it grow on; the pairs that then hold, or none when nothing was joined.
 /// `None` when stopped.
-pub(super) async fn join_pieces(
+async fn join_pieces(
     start: &Ground<'_>,
     matches: &[PairMatches],
     pieces: &mut Vec<Attempt>,
     watch: &mut Watch<'_>,
 ) -> Option<Option<Vec<VerifiedPair>>> {
     let mut pairs: Option<Vec<VerifiedPair>> = None;
-    pieces.sort_by_key(|p| core::cmp::Reverse(p.num_registered()));
+    largest_first(pieces);
     let mut at = 0;
     while at + 1 < pieces.len() {
         let held = pairs.clone();

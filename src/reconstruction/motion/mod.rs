@@ -407,7 +407,7 @@ pub async fn reconstruct_motion(
             pieces.push(grown);
         }
     }
-    let joined = join::join_pieces(&ground, matches, &mut pieces, &mut watch)
+    let joined = join::bridge_gaps(&ground, matches, &mut pieces, &mut watch)
         .await
         .ok_or(MotionError::Stopped)?;
     let ground = match &joined {
@@ -419,7 +419,7 @@ pub async fn reconstruct_motion(
             return Err(contradiction);
         }
     }
-    pieces.sort_by_key(|p| core::cmp::Reverse(p.num_registered()));
+    join::largest_first(&mut pieces);
     let components: Vec<Component> = pieces.iter().map(|p| component(&ground, p)).collect();
     if components.is_empty() {
         return Err(MotionError::NoStart {

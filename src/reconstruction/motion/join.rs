@@ -27,6 +27,11 @@ const MIN_AGREEING: usize = 3;
 const MIN_AGREEING_SHARE: f64 = 0.75;
 /// Of what each piece saw for itself, this share must still fit when both are one world.
 const MIN_KEPT: f64 = 0.9;
+/// Pairs across that propose and judge, those with most matches of their own. There may be many more, as between rooms that look
+/// alike, and each proposal costs time with every pair.
+const MAX_ASKED: usize = 64;
+/// Proposals that are refined, the best.
+const MAX_REFINED: usize = 16;
 /// Losses of the rounds that bring the worlds together, in usual error limits: what a single picture says is off by much.
 const WIDTHS: [f64; 5] = [16.0, 8.0, 4.0, 2.0, 1.0];
 /// Lengths of the step between two pictures that are tried, in depths of what they see.
@@ -179,7 +184,7 @@ fn crossings(
 /// How the second world lies in the first so that matches across lie on their epipolar lines. Depths of points play no part: seen
 /// from one side only, as far from a gap, they are poor.
 struct Closing<'a> {
-    crossings: &'a [Crossing],
+    crossings: &'a [&'a Crossing],
     loss_px: f64,
 }
 
@@ -264,18 +269,24 @@ fn seam(
         return None;
     }
     let limit = ground.params.max_error_px;
+    let mut asked: Vec<&Crossing> = crossings.iter().collect();
+    asked.sort_by_key(|c| core::cmp::Reverse(c.num_own));
+    asked.truncate(MAX_ASKED);
     let num_agreeing = |s: &Similarity, limit: f64| -> usize {
-        crossings.iter().map(|c| c.agreeing(s, limit).len()).sum()
+        asked.iter().map(|c| c.agreeing(s, limit).len()).sum()
     };
-    let refined = parallel::map(crossings.len(), |i| {
-        let crossing = &crossings[i];
-        let steps = STEPS
-            .iter()
-            .map(|s| crossing.proposal(s * crossing.depth_in_first));
-        let mut found = steps.max_by_key(|s| num_agreeing(s, WIDTHS[1] * limit))?;
+    let mut proposals = parallel::map(asked.len(), |i| {
+        let steps = STEPS.map(|s| asked[i].proposal(s * asked[i].depth_in_first));
+        let scored = steps.map(|s| (num_agreeing(&s, WIDTHS[1] * limit), s));
+        scored.into_iter().max_by_key(|s| s.0)
+    });
+    proposals.sort_by_key(|p| core::cmp::Reverse(p.as_ref().map(|p| p.0)));
+    proposals.truncate(MAX_REFINED);
+    let refined = parallel::map(proposals.len(), |i| {
+        let mut found = proposals[i].as_ref()?.1;
         for width in WIDTHS {
             let mut closing = Closing {
-                crossings: &crossings,
+                crossings: &asked,
                 loss_px: width * limit,
             };
             let damping = Damping {

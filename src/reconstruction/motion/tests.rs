@@ -260,3 +260,103 @@ fn a_given_focal_length_that_the_pictures_contradict_is_refused() {
     assert!((given_px / FOCAL - 1.3).abs() < 1e-9);
     assert!((seen_px / FOCAL - 1.0).abs() < 0.05, "{seen_px}");
 }
+
+/// On an arc around the middle of the place, which it looks at.
+fn on_arc(angle: f64) -> CamFromWorld {
+    let (sin, cos) = angle.sin_cos();
+    let center = Vector3::new(5.0 * sin, 0.0, 5.0 - 5.0 * cos);
+    let rotation = Matrix3::new(cos, 0.0, sin, 0.0, 1.0, 0.0, -sin, 0.0, cos);
+    CamFromWorld::new(rotation, -(rotation * center))
+}
+
+/// Where the pictures of two films on the arc were taken: 26 degrees each, with a gap of 52 between them.
+fn two_films(i: usize) -> CamFromWorld {
+    let start = if i < 10 { -0.9 } else { -0.05 };
+    on_arc(start + 0.05 * i as f64)
+}
+
+/// Grows the two films as if no pair across had been compared, then joins them. How many pieces come out, and the largest.
+fn joined(first: &Place, second: &Place) -> (usize, Component) {
+    let sets: Vec<FeatureSet> = (0..20)
+        .map(|i| {
+            let place = if i < 10 { first } else { second };
+            features(place, &two_films(i), FOCAL, i as u64)
+        })
+        .collect();
+    let picture = |features| Picture {
+        features,
+        camera: 0,
+    };
+    let pictures: Vec<Picture<'_>> = sets.iter().map(picture).collect();
+    let (params, groups) = (MotionParams::default(), [known()]);
+    let cameras = [groups[0].camera];
+    let mut go_on = |_: Stage, _: usize, _: usize| true;
+    pollster::block_on(async {
+        let all = match_pictures(&pictures, &groups, &params, &mut go_on).await;
+        let mut matches = all.expect("go on");
+        matches.retain(|m| (m.a < 10) == (m.b < 10));
+        let hypotheses = focal_hypotheses(&pictures, &groups, &matches, &params);
+        let mut watch = Watch::new(&mut go_on);
+        let two_view = &params.two_view;
+        let pairs = verify::verify(&pictures, &cameras, &matches, two_view, &mut watch).await;
+        let pairs = pairs.expect("go on");
+        let ground = Ground::new(&pictures, &groups, &pairs, &params);
+        let (mut tried, mut is_done, mut pieces) = (Vec::new(), vec![false; 20], Vec::new());
+        for _ in 0..2 {
+            let start = best_start(
+                &ground,
+                &matches,
+                &cameras,
+                &hypotheses,
+                &is_done,
+                &mut tried,
+                &mut watch,
+            );
+            let start = start.await.expect("go on").expect("a start");
+            let grown = grow_all(&ground, start, &is_done, &mut watch).await;
+            let grown = grown.expect("go on");
+            for (done, pose) in is_done.iter_mut().zip(&grown.poses) {
+                *done |= pose.is_some();
+            }
+            pieces.push(grown);
+        }
+        assert!(pieces.iter().all(|p| p.num_registered() == 10));
+        let joined = join::bridge_gaps(&ground, &matches, &mut pieces, &mut watch).await;
+        let joined = joined.expect("go on");
+        let ground = match &joined {
+            Some(pairs) => ground.with_pairs(pairs),
+            None => ground,
+        };
+        (pieces.len(), component(&ground, &pieces[0]))
+    })
+}
+
+#[test]
+fn two_films_of_a_place_from_far_apart_are_joined() {
+    let place = place(3, 900, in_depth);
+    let (num, component) = joined(&place, &place);
+    assert_eq!((num, component.num_registered()), (1, 20));
+    let error = distance_error(&component, two_films);
+    assert!(error < 0.02, "{error}");
+}
+
+#[test]
+fn furniture_that_stands_otherwise_joins_nothing() {
+    let first = place(3, 900, in_depth);
+    // The same things, each third of the room somewhere else.
+    let mut points = first.points.clone();
+    for p in &mut points {
+        let shift = match p.x {
+            x if x < -1.3 => Vector3::new(2.0, 0.7, 1.0),
+            x if x < 1.3 => Vector3::new(-1.5, -0.8, -0.6),
+            _ => Vector3::new(-1.0, 0.5, 1.6),
+        };
+        *p += shift;
+    }
+    let second = Place {
+        points,
+        descriptors: first.descriptors.clone(),
+    };
+    let (num, component) = joined(&first, &second);
+    assert_eq!((num, component.num_registered()), (2, 10));
+}

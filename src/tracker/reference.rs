@@ -38,8 +38,6 @@ pub(super) struct TrackedPoint {
     pub(super) template: Template,
     /// Whether the template can be used as it was made last.
     is_made: bool,
-    /// Whether there is too little to see around the point.
-    is_poor: bool,
 }
 
 /// A segment of the world with its step of grey levels.
@@ -211,7 +209,7 @@ impl Reference {
         slot.in_world = in_world;
         slot.neighbours_in_world = [right, below];
         slot.center = index_coordinates(snapped);
-        (slot.is_made, slot.is_poor) = (false, false);
+        slot.is_made = false;
         if let Some(vectors) = vectors {
             slot.is_made = slot
                 .template
@@ -274,9 +272,6 @@ impl TrackedPoint {
         max_warp: f32,
         vectors: Level,
     ) -> Option<[f32; 2]> {
-        if self.is_poor {
-            return None;
-        }
         let project = |p: &Vector3<f64>| camera.pixel_from_cam(&cam_from_world.transform_point(p));
         let at = project(&self.in_world)?;
         let [right, below] = [

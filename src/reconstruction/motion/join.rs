@@ -451,14 +451,19 @@ pub(super) async fn bridge_gaps(
     let wide = ground.with_pairs(&bridges.pairs);
     let mut moved = pieces.clone();
     for piece in &mut moved {
-        piece.points = vec![None; wide.tracks.len()];
-        wide.triangulate(piece, 1.0);
+        triangulate_anew(&wide, piece);
     }
     let joined = join_pieces(&wide, &bridges.matches, &mut moved, watch).await?;
     if joined.is_some() {
         *pieces = moved;
     }
     Some(joined)
+}
+
+/// Points of a piece on the tracks of other pairs.
+fn triangulate_anew(ground: &Ground<'_>, piece: &mut Attempt) {
+    piece.points = vec![None; ground.tracks.len()];
+    ground.triangulate(piece, 1.0);
 }
 
 /// Sorts pieces by the number of their pictures.
@@ -501,8 +506,7 @@ async fn join_pieces(
             for (done, pose) in is_done.iter_mut().zip(&piece.poses) {
                 *done |= pose.is_some();
             }
-            piece.points = vec![None; ground.tracks.len()];
-            ground.triangulate(piece, 1.0);
+            triangulate_anew(&ground, piece);
         }
         pieces[at] = grow_all(&ground, both, &is_done, watch).await?;
         pairs = Some(seam_pairs);

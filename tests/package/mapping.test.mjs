@@ -178,6 +178,7 @@ test("making the map can be cancelled, and what fails says why and what helps", 
   assert.equal(await page.evaluate(() => globalThis.mappers.length), 2);
   // The metre stick: two marks in a picture, by keyboard, and a distance.
   await page.click("#map-metre summary");
+  await page.waitForFunction(() => /first point/.test(document.querySelector("#map-metre-said").textContent));
   await page.focus("#map-metre-picture");
   await page.keyboard.press("Enter");
   await page.waitForFunction(() => /second point/.test(document.querySelector("#map-metre-said").textContent));
@@ -201,6 +202,24 @@ test("making the map can be cancelled, and what fails says why and what helps", 
   await page.click("#map-set-up");
   const { up } = await page.waitForFunction(() => globalThis.written.find((what) => what.up)).then((handle) => handle.jsonValue());
   assert.ok(Math.abs(Math.hypot(up.x, up.y, up.z) - 1) < 1e-9);
+  assert.deepEqual(said, []);
+});
+
+test("a place gets its metres where there is no 3D view", { skip, timeout: 240_000 }, async (t) => {
+  const { page, pictures, said } = await mapping(t, { told: { stepMs: 1 } });
+  await page.route("**/result_view.js", (route) => route.fulfill({ contentType: "text/javascript", body: "export class ResultView { constructor() { throw new Error('no WebGL'); } }" }));
+  await page.click("[data-source=map]");
+  await page.setInputFiles("#map-pictures", await Promise.all(pictures.slice(0, 4).map(async ({ name, path }) => ({ name, mimeType: "image/jpeg", buffer: await readFile(path) }))));
+  await heading(page, "Your place is mapped");
+  await page.waitForFunction(() => /no WebGL.*The map itself is not affected/.test(document.querySelector("#map-result-view").textContent));
+  await page.click("#map-metre summary");
+  await page.waitForFunction(() => /first point/.test(document.querySelector("#map-metre-said").textContent));
+  await page.focus("#map-metre-picture");
+  for (const key of ["Enter", "ArrowRight", "Enter"]) await page.keyboard.press(key);
+  await page.fill("#map-metre-distance", "0.1");
+  await page.click("#map-metre-set");
+  await page.waitForFunction(() => /Lengths are in metres now/.test(document.querySelector("#map-metre-said").textContent));
+  assert.equal((await page.evaluate(() => globalThis.written))[0].scale.metres, 0.1);
   assert.deepEqual(said, []);
 });
 

@@ -12,7 +12,7 @@ export function metreStick({ film, report, rewrite }) {
   const usable = report.pictures.filter(({ registered, keyframe }) => registered && film?.picture(keyframe));
   if (usable.length === 0) return undefined;
   const canvas = el("canvas", { id: "map-metre-picture", tabIndex: 0, role: "application", "aria-label": "Picture to mark two points in. Arrow keys move the cross, Enter marks." });
-  const said = el("p", { class: "fine", id: "map-metre-said", role: "status" }, "Tap the first point.");
+  const said = el("p", { class: "fine", id: "map-metre-said", role: "status" }, "The picture is being read.");
   const distance = el("input", { type: "number", id: "map-metre-distance", inputMode: "decimal", min: 0, step: "any", placeholder: "1.20" });
   const set = button("Set the scale", () => apply(), { kind: "small-button", id: "map-metre-set", disabled: true });
   let index = Math.floor(usable.length / 2);
@@ -52,6 +52,8 @@ export function metreStick({ film, report, rewrite }) {
     if (cursor) cross(cursor, "#ffffff");
   };
   const mark = (u, v) => {
+    // A picture that is not there yet has no points.
+    if (!bitmap) return;
     if (marks.length === 2) marks = [];
     marks.push({ u, v });
     said.textContent = marks.length === 1 ? "Now the second point." : "Type how far apart they are.";
@@ -91,11 +93,16 @@ export function metreStick({ film, report, rewrite }) {
   const choose = async (by) => {
     index = (index + by + usable.length) % usable.length;
     marks = [];
-    said.textContent = "Tap the first point.";
-    // Nothing may be drawn of the last picture, nor said of the first point, once a point is marked while this one is decoded.
+    said.textContent = "The picture is being read.";
+    set.disabled = true;
     bitmap?.close();
     bitmap = undefined;
-    bitmap = await createImageBitmap(film.picture(usable[index].keyframe).blob);
+    const chosen = index;
+    const read = await createImageBitmap(film.picture(usable[chosen].keyframe).blob);
+    // Another picture was asked for in the meantime.
+    if (chosen !== index || bitmap) return read.close();
+    bitmap = read;
+    said.textContent = "Tap the first point.";
     draw();
   };
   const details = el(

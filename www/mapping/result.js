@@ -48,9 +48,10 @@ export async function resultStep(flow, { scene, report, name }) {
     await keep();
     return place.report;
   };
+  /** Once its module is there: it may come late, or never where there is no WebGL, and the map is no worse for it. */
   const showIn3d = () => {
     view?.dispose();
-    view = new View(frame, place.report);
+    view = View && new View(frame, place.report);
   };
 
   field.addEventListener("change", async () => {
@@ -96,9 +97,10 @@ export async function resultStep(flow, { scene, report, name }) {
   );
   await keep();
   try {
-    ({ ResultView: View } = await import("./result_view.js"));
+    const { ResultView } = await import("./result_view.js");
     if (left) return;
-    showIn3d();
+    view = new ResultView(frame, place.report);
+    View = ResultView;
     viewNote.remove();
   } catch (error) {
     viewNote.textContent = `The 3D view needs WebGL, which this browser does not give (${error.message}). The map itself is not affected.`;

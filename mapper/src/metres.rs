@@ -331,6 +331,7 @@ mod tests {
         let seen = vec![Observation::new(0, 0), Observation::new(1, 0)];
         Component {
             cameras: vec![Camera::centered(640, 480, 500.0)],
+            focal_sigma_ln: vec![None],
             cam_from_world,
             points: vec![PointTrack::new(Vector3::new(1.0, 2.0, 5.0), seen)],
             rms_px: 1.0,

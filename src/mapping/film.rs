@@ -111,8 +111,8 @@ pub const MIN_PICTURES: usize = 3;
 /// The map of a film. Observations name positions in [`Self::posed`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct FilmMap {
-    /// Of the keyframes that have a pose.
-    pub camera: Camera,
+    /// One for each keyframe, in their order: of one camera, but for stretches with another zoom.
+    pub cameras: Vec<Camera>,
     /// Where the poses came from.
     pub source: PoseSource,
     /// One for each keyframe, in their order.
@@ -136,7 +136,7 @@ pub struct FilmMap {
 }
 
 struct Posed {
-    camera: Camera,
+    cameras: Vec<Camera>,
     source: PoseSource,
     cam_from_world: Vec<Option<CamFromWorld>>,
     left_out: Vec<(usize, LeftOut)>,
@@ -162,7 +162,7 @@ pub async fn map_film(
     let posed = if num_posed == views.len() {
         let (cam_from_world, source) = settled(views, group, params, observer).await?;
         Posed {
-            camera: group.camera,
+            cameras: vec![group.camera; views.len()],
             source,
             cam_from_world,
             left_out: Vec::new(),
@@ -177,10 +177,10 @@ pub async fn map_film(
             all: views.len(),
         });
     };
-    let camera = posed.camera;
-    let registered = views.iter().zip(&posed.cam_from_world);
-    let seen: Vec<PosedView<'_>> = registered
-        .filter_map(|(view, pose)| Some(PosedView::new(camera, (*pose)?, &view.features)))
+    let seen: Vec<PosedView<'_>> = (views.iter().zip(&posed.cameras).zip(&posed.cam_from_world))
+        .filter_map(|((view, camera), pose)| {
+            Some(PosedView::new(*camera, (*pose)?, &view.features))
+        })
         .collect();
     let mut stats = TrackStats {
         agreement: check_poses(&seen, &params.tracks)?,
@@ -191,7 +191,7 @@ pub async fn map_film(
     let lines = line_tracks(&seen, &params.tracks, &stats, &mut watch).await?;
     let is_posed = |i: &usize| posed.cam_from_world[*i].is_some();
     Ok(FilmMap {
-        camera,
+        cameras: posed.cameras,
         source: posed.source,
         posed: (0..views.len()).filter(is_posed).collect(),
         cam_from_world: posed.cam_from_world,
@@ -230,10 +230,11 @@ async fn poses(
     let num_components = motion.components.len();
     let largest = motion.components.into_iter().next();
     let largest = largest.filter(|c| c.num_registered() >= MIN_PICTURES);
-    let camera = largest.as_ref().and_then(|c| c.cameras.first().copied());
-    let (Some(largest), Some(camera)) = (largest, camera) else {
+    let Some(largest) = largest else {
         return Err(FilmError::TooFew { found: 0 });
     };
+    let camera_of = motion.camera_of.iter();
+    let cameras = camera_of.map(|g| largest.cameras[*g]).collect();
     // What another piece has is left out of this one.
     let elsewhere = (0..views.len()).filter(|i| {
         largest.cam_from_world[*i].is_none() && motion.left_out.iter().all(|(l, _)| l != i)
@@ -242,7 +243,7 @@ async fn poses(
     left_out.extend(&motion.left_out);
     left_out.sort_unstable_by_key(|(i, _)| *i);
     Ok(Posed {
-        camera,
+        cameras,
         source: PoseSource::Pictures,
         cam_from_world: largest.cam_from_world,
         left_out,
@@ -252,6 +253,16 @@ async fn poses(
 }
 
 impl FilmMap {
+    /// The camera of most keyframes that have a pose.
+    pub fn main_camera(&self) -> Camera {
+        let of_posed = |camera: &Camera| {
+            let same = self.posed.iter().filter(|i| self.cameras[**i] == *camera);
+            same.count()
+        };
+        let most = self.posed.iter().map(|i| self.cameras[*i]);
+        most.max_by_key(of_posed).unwrap_or(self.cameras[0])
+    }
+
     /// The scene of this map, whose views are the keyframes that it was made of: their features are borrowed meanwhile, and
     /// are back whatever happens.
     ///
@@ -310,7 +321,7 @@ impl FilmMap {
     fn taken(&self, i: usize, views: &mut [View]) -> View {
         View {
             name: views[i].name.clone(),
-            camera: self.camera,
+            camera: self.cameras[i],
             cam_from_world: self.cam_from_world[i],
             features: std::mem::take(&mut views[i].features),
         }

@@ -270,7 +270,8 @@ impl Film {
         let (Some(pose), Some(view)) = (pose, self.views.get(keyframe)) else {
             return Err(no_place);
         };
-        let side = f64::from(map.camera.width.max(map.camera.height));
+        let camera = &map.cameras[keyframe];
+        let side = f64::from(camera.width.max(camera.height));
         let mut near: Vec<(f64, f64)> = Vec::new();
         for point in &map.points {
             for o in &point.observations {
@@ -290,7 +291,7 @@ impl Film {
         near.sort_by(|x, y| x.0.total_cmp(&y.0));
         near.truncate(3);
         let depth = median_in_place(&mut near.iter().map(|n| n.1).collect::<Vec<f64>>());
-        let bearing = map.camera.bearing_from_pixel(pixel).filter(|b| b.z > 1e-6);
+        let bearing = camera.bearing_from_pixel(pixel).filter(|b| b.z > 1e-6);
         let (Some(depth), Some(bearing)) = (depth, bearing) else {
             return Err(DistanceError::NothingNear {
                 keyframe,

@@ -57,7 +57,7 @@ async fn made(views: &mut [View]) -> [(&'static str, Vec<f64>); 4] {
 }
 
 fn poses(map: &FilmMap) -> Vec<f64> {
-    let (fx, fy) = map.camera.focal_px();
+    let (fx, fy) = map.main_camera().focal_px();
     let poses = map.cam_from_world.iter().flatten();
     poses
         .flat_map(|pose| pose.to_row_major())

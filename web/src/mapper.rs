@@ -467,14 +467,15 @@ fn report(map: &FilmMap, num_keyframes: usize) -> Value {
             }),
         })
         .collect();
-    let (fx, fy) = map.camera.focal_px();
+    let camera = map.main_camera();
+    let (fx, fy) = camera.focal_px();
     json!({
         "pictures": pictures,
         "poses": map.source.to_string(),
         "components": map.num_components,
         "focal": 0.5 * (fx + fy),
-        "width": map.camera.width,
-        "height": map.camera.height,
+        "width": camera.width,
+        "height": camera.height,
         "units": units_name(map.units),
         "points": map.points.len(),
         "lines": map.lines.len(),

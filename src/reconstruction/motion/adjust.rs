@@ -10,6 +10,16 @@ use crate::reconstruction::bundle::{
 use crate::reconstruction::planar_from_pixel;
 use nalgebra::Vector2;
 
+/// An attempt as the adjustment wants it.
+struct Posed {
+    problem: BundleProblem,
+    options: BundleOptions,
+    /// Picture of each camera.
+    registered: Vec<usize>,
+    /// Track of each point.
+    chosen: Vec<usize>,
+}
+
 impl Ground<'_> {
     /// A pixel as the adjustment wants it: relative to the principal point, without distortion other than one radial term.
     /// Where the camera is not refined its distortion is taken out instead.
@@ -70,6 +80,50 @@ impl Ground<'_> {
         attempt: &mut Attempt,
         effort: &Effort,
     ) -> Option<BundleSummary> {
+        let Posed {
+            mut problem,
+            options,
+            registered,
+            chosen,
+        } = self.problem(groups, attempt, effort)?;
+        let summary = bundle::adjust(&mut problem, &options).ok()?;
+        for (i, camera) in registered.iter().zip(&problem.cameras) {
+            attempt.poses[*i] = Some(camera.cam_from_world);
+        }
+        for (t, position) in chosen.iter().zip(&problem.points) {
+            if let Some(point) = &mut attempt.points[*t] {
+                point.position = *position;
+            }
+        }
+        for (g, intrinsics) in problem.intrinsics.iter().enumerate() {
+            if groups[g].refines {
+                let camera = &mut attempt.cameras[g];
+                let c = camera.principal_point();
+                camera.model = CameraModel::SimpleRadial {
+                    f: intrinsics.focal_px,
+                    cx: c.x,
+                    cy: c.y,
+                    k: intrinsics.k,
+                };
+            }
+        }
+        Some(summary)
+    }
+
+    /// Standard deviation of ln f of each group, from the points of an attempt; `None` where it is not adjusted.
+    pub(super) fn focal_sigmas(&self, attempt: &Attempt) -> Vec<Option<f64>> {
+        let sigmas = self
+            .problem(self.groups, attempt, &Effort::thorough())
+            .and_then(|posed| bundle::focal_sigmas(&posed.problem, &posed.options));
+        self.groups
+            .iter()
+            .enumerate()
+            .map(|(g, group)| group.refines.then(|| sigmas.as_ref()?.get(g).copied())?)
+            .collect()
+    }
+
+    /// Everything registered on the tracks that cover the pictures best; `None` without points.
+    fn problem(&self, groups: &[CameraGroup], attempt: &Attempt, effort: &Effort) -> Option<Posed> {
         let registered: Vec<usize> = (0..attempt.poses.len())
             .filter(|i| attempt.poses[*i].is_some())
             .collect();
@@ -124,28 +178,12 @@ impl Ground<'_> {
         if problem.points.is_empty() {
             return None;
         }
-        let summary = bundle::adjust(&mut problem, &options).ok()?;
-        for (i, camera) in registered.iter().zip(&problem.cameras) {
-            attempt.poses[*i] = Some(camera.cam_from_world);
-        }
-        for (t, position) in chosen.iter().zip(&problem.points) {
-            if let Some(point) = &mut attempt.points[*t] {
-                point.position = *position;
-            }
-        }
-        for (g, intrinsics) in problem.intrinsics.iter().enumerate() {
-            if groups[g].refines {
-                let camera = &mut attempt.cameras[g];
-                let c = camera.principal_point();
-                camera.model = CameraModel::SimpleRadial {
-                    f: intrinsics.focal_px,
-                    cx: c.x,
-                    cy: c.y,
-                    k: intrinsics.k,
-                };
-            }
-        }
-        Some(summary)
+        Some(Posed {
+            problem,
+            options,
+            registered,
+            chosen,
+        })
     }
 
     /// Tracks with points, longest first, until every picture has its share.

@@ -8,6 +8,7 @@ use super::refine::GivenPoses;
 use super::{CameraGroup, MotionParams, Picture, VerifiedPair};
 use crate::geometry::{CamFromWorld, Camera};
 use crate::math::Rng;
+use crate::math::elementary::ln;
 use crate::math::parallel;
 use crate::math::stats::median_in_place;
 use crate::pose::{self, Focal, PointCorrespondence, PoseOptions, PoseScratch, WorldNoise};
@@ -308,6 +309,23 @@ impl<'a> Ground<'a> {
         let num = found.num_point_inliers as usize;
         let is_enough =
             num >= self.params.min_inliers && num as f64 >= min_share * points.len() as f64;
+        let judges_zoom = self.groups[picture.camera].refines
+            && attempt.num_registered() >= self.params.refine_radial_from;
+        if is_enough && judges_zoom {
+            let focal = Focal::Refine {
+                sigma_ln: FREE_SIGMA_LN,
+            };
+            let options = PoseOptions { focal, ..options };
+            let free = pose::estimate(&points, &[], camera, &options, scratch, &mut || 0.0).ok()?;
+            let is_other = free.located().is_some_and(|free| {
+                let (own_px, px) = (free.camera.focal_px().0, camera.focal_px().0);
+                let off_ln = ln(own_px / px).abs();
+                off_ln > MAX_ZOOM_LN && off_ln > ZOOM_SIGMAS * free.sigma_focal_px / own_px
+            });
+            if is_other {
+                return None;
+            }
+        }
         is_enough.then_some(found.cam_from_world)
     }
 
@@ -387,6 +405,13 @@ impl<'a> Ground<'a> {
     }
 }
 
+/// A picture whose own focal length differs by so much from its camera's was taken with another zoom or lens: placed with the
+/// camera's it would stand where it never was. Autofocus and stabilisation change it by a few per cent.
+const MAX_ZOOM_LN: f64 = 0.06;
+/// And by so many standard deviations: before a flat wall any focal length fits.
+pub(super) const ZOOM_SIGMAS: f64 = 4.0;
+/// How free a picture's own focal length is, as a standard deviation of ln f.
+const FREE_SIGMA_LN: f64 = 0.3;
 /// A picture is a stray when it agrees with this share of what pictures usually agree with.
 const STRAY_SHARE: f64 = 0.65;
 /// A picture that lost its pose so often is not tried again.

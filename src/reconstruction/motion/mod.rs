@@ -27,6 +27,7 @@ mod start;
 #[cfg(test)]
 mod tests;
 mod verify;
+mod zoom;
 
 pub use candidates::{CandidateParams, candidate_pairs};
 pub use loops::LoopParams;
@@ -186,6 +187,8 @@ impl LeftOut {
 pub struct Component {
     /// One for each camera group.
     pub cameras: Vec<Camera>,
+    /// Standard deviation of ln f of each, from the points; `None` where the focal length is given or undetermined.
+    pub focal_sigma_ln: Vec<Option<f64>>,
     /// One for each picture, in their order.
     pub cam_from_world: Vec<Option<CamFromWorld>>,
     /// Points with the keypoints that see them; views are indices of pictures.
@@ -216,6 +219,9 @@ impl Component {
 pub struct Motion {
     /// Largest first.
     pub components: Vec<Component>,
+    /// Camera of each picture among those of a component: as asked, but that stretches with another zoom have one of their own,
+    /// behind the groups that were asked for.
+    pub camera_of: Vec<usize>,
     /// For each picture that no component has.
     pub left_out: Vec<(usize, LeftOut)>,
     /// Pairs far apart that their neighbours contradict.
@@ -352,15 +358,28 @@ pub async fn reconstruct_motion(
     check(pictures, groups)?;
     let mut watch = Watch::new(observer);
     let hypotheses = focal_hypotheses(pictures, groups, matches, params);
+    posed(pictures, groups, &hypotheses, matches, params, &mut watch).await
+}
+
+/// Poses and points under the focal lengths to try for each group; pieces with another zoom are tried once more as cameras of
+/// their own.
+async fn posed(
+    pictures: &[Picture<'_>],
+    groups: &[CameraGroup],
+    hypotheses: &[Vec<f64>],
+    matches: &[PairMatches],
+    params: &MotionParams,
+    watch: &mut Watch<'_>,
+) -> Result<Motion, MotionError> {
     let mut groups = groups.to_vec();
     let mut cameras: Vec<Camera> = Vec::new();
-    for (group, hypotheses) in groups.iter_mut().zip(&hypotheses) {
+    for (group, hypotheses) in groups.iter_mut().zip(hypotheses) {
         if let Some(focal) = hypotheses.first() {
             group.camera = with_focal(&group.camera, *focal);
         }
         cameras.push(group.camera);
     }
-    let mut pairs = verify::verify(pictures, &cameras, matches, &params.two_view, &mut watch)
+    let mut pairs = verify::verify(pictures, &cameras, matches, &params.two_view, watch)
         .await
         .ok_or(MotionError::Stopped)?;
     let rejected_loops =
@@ -383,20 +402,14 @@ pub async fn reconstruct_motion(
             break;
         }
         let Some(start) = best_start(
-            &ground,
-            matches,
-            &cameras,
-            &hypotheses,
-            &is_done,
-            &mut tried,
-            &mut watch,
+            &ground, matches, &cameras, hypotheses, &is_done, &mut tried, watch,
         )
         .await
         .ok_or(MotionError::Stopped)?
         else {
             break;
         };
-        let grown = grow_all(&ground, start, &is_done, &mut watch)
+        let grown = grow_all(&ground, start, &is_done, watch)
             .await
             .ok_or(MotionError::Stopped)?;
         let is_small = grown.num_registered() < params.min_component;
@@ -407,7 +420,26 @@ pub async fn reconstruct_motion(
             pieces.push(grown);
         }
     }
-    let joined = join::bridge_gaps(&ground, matches, &mut pieces, &mut watch)
+    join::largest_first(&mut pieces);
+    if let Some(zoomed) = zoom::told_apart(&ground, &pieces, hypotheses) {
+        let zooms = &zoomed.pictures;
+        let again = posed(
+            zooms,
+            &zoomed.groups,
+            &zoomed.hypotheses,
+            matches,
+            params,
+            watch,
+        );
+        let again = Box::pin(again).await?;
+        if let (Some(all), Some(largest)) = (again.components.first(), pieces.first())
+            && all.num_registered() > largest.num_registered()
+            && pieces.iter().all(|p| zoom::keeps(p, &all.cam_from_world))
+        {
+            return Ok(again);
+        }
+    }
+    let joined = join::bridge_gaps(&ground, matches, &mut pieces, watch)
         .await
         .ok_or(MotionError::Stopped)?;
     let ground = match &joined {
@@ -438,10 +470,11 @@ pub async fn reconstruct_motion(
     let left_out = left_out(&ground, &components, pieces.first());
     Ok(Motion {
         components,
+        camera_of: pictures.iter().map(|p| p.camera).collect(),
         left_out,
         rejected_loops,
         num_pairs,
-        focal_votes_px: hypotheses,
+        focal_votes_px: hypotheses.to_vec(),
     })
 }
 
@@ -466,6 +499,7 @@ fn component(ground: &Ground<'_>, attempt: &Attempt) -> Component {
     }
     Component {
         cameras: attempt.cameras.clone(),
+        focal_sigma_ln: ground.focal_sigmas(attempt),
         cam_from_world: attempt.poses.clone(),
         points,
         rms_px: (sum / num.max(1) as f64).sqrt(),

@@ -360,3 +360,46 @@ fn furniture_that_stands_otherwise_joins_nothing() {
     let (num, component) = joined(&first, &second);
     assert_eq!((num, component.num_registered()), (2, 10));
 }
+
+/// The first pictures of a long walk that sways in depth, each with a focal length of its own.
+fn zoomed_film(place: &Place, count: usize, focal: impl Fn(usize) -> f64) -> Vec<FeatureSet> {
+    (0..count)
+        .map(|i| features(place, &walk(i), focal(i), i as u64))
+        .collect()
+}
+
+#[test]
+fn another_zoom_from_the_middle_on_is_a_camera_of_its_own() {
+    let here = place(12, 900, in_depth);
+    let focal = |i: usize| if i < 16 { FOCAL } else { 1.35 * FOCAL };
+    let sets = zoomed_film(&here, 30, focal);
+    let motion = run(&sets, CameraGroup::unknown(640, 480)).expect("a model");
+    let component = &motion.components[0];
+    assert!(component.num_registered() >= 28, "{motion:?}");
+    assert!(distance_error(component, walk) < 0.03);
+    for (i, pose) in component.cam_from_world.iter().enumerate() {
+        let found = component.cameras[motion.camera_of[i]].focal_px().0;
+        assert!(
+            pose.is_none() || (found / focal(i) - 1.0).abs() < 0.05,
+            "picture {i}: {found}"
+        );
+    }
+}
+
+#[test]
+fn a_few_zoomed_pictures_are_left_out() {
+    let here = place(13, 900, in_depth);
+    let focal = |i: usize| {
+        if (14..18).contains(&i) {
+            1.4 * FOCAL
+        } else {
+            FOCAL
+        }
+    };
+    let sets = zoomed_film(&here, 30, focal);
+    let motion = run(&sets, CameraGroup::unknown(640, 480)).expect("a model");
+    let component = &motion.components[0];
+    assert!(component.num_registered() >= 12);
+    assert!((14..18).all(|i| component.cam_from_world[i].is_none()));
+    assert!(distance_error(component, walk) < 0.03);
+}

@@ -16,6 +16,7 @@ pub mod export;
 pub mod extract;
 pub mod feature_cache;
 pub mod files;
+mod html;
 pub mod import;
 pub mod labels;
 pub mod metres;

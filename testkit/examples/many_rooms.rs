@@ -1,5 +1,5 @@
 //! Renders many rooms to teach, and other pictures of them to ask with:
-//! `cargo run --release -p landline-testkit --example many_rooms -- DIR [ROOMS [TEACH [ASK [RAYS]]]]`.
+//! `cargo run --release -p landline-testkit --example many_rooms -- DIR [ROOMS [TEACH [ASK [RAYS [WIDTH]]]]]`.
 //!
 //! `DIR/rooms/room-NN` and `DIR/asked/room-NN` hold pictures and `poses.txt`. Of four rooms or more the last four are two pairs
 //! of twins: the same room, other pictures. Rooms that are there are left as they are.
@@ -16,7 +16,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut args = std::env::args().skip(1);
     let dir = PathBuf::from(args.next().ok_or("give a folder to write to")?);
     let mut number = |usual: usize| args.next().map_or(Ok(usual), |text| text.parse());
-    let (rooms, teach, ask, rays) = (number(50)?, number(24)?, number(20)?, number(2)?);
+    let (rooms, teach, ask, rays) = (number(50)?, number(120)?, number(20)?, number(2)?);
+    let width = number(640)?.clamp(64, 1920) as u32;
+    let height = 3 * width / 4;
     for at in 0..rooms as u64 {
         let name = format!("room-{at:02}");
         let (taught, asked) = (dir.join("rooms").join(&name), dir.join("asked").join(&name));
@@ -32,9 +34,9 @@ fn main() -> Result<(), Box<dyn Error>> {
                 at
             };
         let room = Room::varied(seed);
-        let views = training_views(&room, 1000 + at, teach, 640, 480);
+        let views = training_views(&room, 1000 + at, teach, width, height);
         write(&taught, "walk", &room, &views, at, rays as u32)?;
-        let views = query_views(&room, 2000 + at, ask, 640, 480);
+        let views = query_views(&room, 2000 + at, ask, width, height);
         write(&asked, "asked", &room, &views, 500 + at, rays as u32)?;
         eprintln!("{name}: seed {seed}");
     }

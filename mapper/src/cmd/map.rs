@@ -103,6 +103,7 @@ pub fn run(mut args: Args) -> Result<()> {
         );
         let posed = pose_pictures(&request, &extraction, &model, Progress::Terminal)?;
         print!("{}", posed.summary);
+        println!("look at {}", posed.report.display());
         data.pictures = Some(posed.pictures);
         data.data = model;
         data.camera = None;

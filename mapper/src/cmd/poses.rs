@@ -50,5 +50,6 @@ pub fn run(args: Args) -> Result<()> {
     let posed = pose_pictures(&request, &extraction, &args.out, Progress::Terminal)?;
     print!("{}", posed.summary);
     println!("wrote {}", args.out.display());
+    println!("look at {}", posed.report.display());
     Ok(())
 }

@@ -3,38 +3,13 @@
 use super::report::Subject;
 use super::run::{Evaluation, ImageResult, STAGES};
 use super::{RECALLS, plots};
+use crate::html::{self, escaped, number};
 use crate::units::Ruler;
 use std::fmt::Write as _;
 use std::io;
 
-const STYLE: &str = "\
-body{font:15px/1.5 system-ui,sans-serif;color:#1c2024;background:#fff;max-width:1180px;margin:32px auto;padding:0 20px}\
-h1{font-size:24px;margin:0 0 4px}h2{font-size:18px;margin:32px 0 8px}p{margin:6px 0}.quiet{color:#60666c}\
-table{border-collapse:collapse;display:block;overflow-x:auto;max-width:100%;margin:8px 0;font-variant-numeric:tabular-nums}\
-th,td{padding:5px 12px;text-align:right;border-bottom:1px solid #e4e7ea}th{font-weight:600;color:#3a4046}\
-th:first-child,td:first-child{text-align:left;padding-left:0}tr.main td{font-weight:600}\
-.plots{display:flex;flex-wrap:wrap;gap:12px}.plots svg{max-width:100%;height:auto}\
-.bar{display:inline-block;height:10px;background:#0072b2;border-radius:2px;vertical-align:middle}\
-figure{margin:0 0 20px}figure img{max-width:100%;border-radius:4px}figcaption{color:#60666c;font-size:13px}\
-.fails{display:grid;grid-template-columns:repeat(auto-fill,minmax(340px,1fr));gap:16px}";
-
 /// How many of the worst pictures are listed.
 const NUM_WORST: usize = 10;
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
-}
-
-fn number(value: f64, digits: usize) -> String {
-    if value.is_finite() {
-        format!("{value:.digits$}")
-    } else {
-        "&ndash;".to_owned()
-    }
-}
 
 /// The page. `failures` are pictures beside it and what they show.
 ///
@@ -45,11 +20,12 @@ pub(super) fn page(
     subject: &Subject,
     failures: &[(String, String)],
 ) -> io::Result<String> {
-    let mut out = format!(
-        "<!doctype html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" \
-         content=\"width=device-width\">\n<title>Evaluation of {scene}</title>\n<style>{STYLE}</style>\n\
-         <h1>Evaluation of {scene}</h1>\n<p class=\"quiet\">{size} kB &middot; {num} test pictures &middot; {data}</p>\n",
-        scene = escaped(&subject.scene),
+    let scene = escaped(&subject.scene);
+    let mut out = html::head(&format!("Evaluation of {scene}"));
+    // Writing to a string cannot fail.
+    let _ = writeln!(
+        out,
+        "<p class=\"quiet\">{size} kB &middot; {num} test pictures &middot; {data}</p>",
         size = number(subject.num_bytes as f64 / 1e3, 0),
         num = evaluation.images.len(),
         data = escaped(&subject.data),
@@ -57,7 +33,6 @@ pub(super) fn page(
     let ruler = Ruler::of(evaluation.units);
     accuracy(&mut out, evaluation, &ruler);
     let distribution = plots::error_distribution;
-    // Writing to a string cannot fail.
     let _ = writeln!(
         out,
         "<h2>Errors</h2>\n<div class=\"plots\">\n{}\n{}\n{}\n</div>",

@@ -1,7 +1,11 @@
 //! From pictures or a video without poses to a COLMAP model: features, matches, structure from motion, one folder.
 
+mod page;
+mod plots;
+
 use crate::dataset::DatasetImage;
 use crate::extract::{ExtractError, Extraction};
+use crate::files;
 use crate::metres::{Metres, MetresError};
 use crate::progress::{Progress, StageBars};
 use crate::unposed::{self, Found, UnposedError};
@@ -62,6 +66,8 @@ pub struct Posed {
     pub pictures: PathBuf,
     /// What came out, for people.
     pub summary: String,
+    /// A page with the camera's way, the points, and what was left out.
+    pub report: PathBuf,
 }
 
 /// Widths of the picture that a focal length may have.
@@ -74,7 +80,7 @@ pub fn is_video(path: &Path) -> bool {
     path.is_file() && known.iter().any(|e| extension == *e)
 }
 
-/// Poses pictures and writes the largest piece as a COLMAP model into `out`; frames of a video lie beside it.
+/// Poses pictures and writes the largest piece as a COLMAP model into `out`, with a report; frames of a video lie beside it.
 ///
 /// # Errors
 /// When there are too few pictures, they cannot be read, nothing can be reconstructed, or the disk refuses.
@@ -144,12 +150,23 @@ pub fn pose_pictures(
             "check            experimental: look at the points and the camera's way before you rely on them"
         ),
     );
+    let report = out.join("report.html");
     if let [best, ..] = motion.components.as_slice() {
-        unposed::written(best, &images, &features, &group_of).write(out)?;
+        unposed::written(best, &images, &features, &motion.camera_of).write(out)?;
+        let page = page::page(&page::Subject {
+            names: &names,
+            features: &features,
+            group_of: &motion.camera_of,
+            unreadable: &unreadable,
+            motion: &motion,
+            unit: if request.metres.is_some() { "m" } else { "" },
+        })?;
+        files::write_bytes(&report, page.as_bytes())?;
     }
     Ok(Posed {
         pictures: folder,
         summary,
+        report,
     })
 }
 

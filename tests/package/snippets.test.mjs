@@ -4,9 +4,9 @@ import assert from "node:assert/strict";
 import { cp, readFile, writeFile } from "node:fs/promises";
 import { join } from "node:path";
 import { test } from "node:test";
-import { browser, open, serve } from "./page.mjs";
+import { browser, fakeCamera, open, serve } from "./page.mjs";
 import { documents, snippet, snippets } from "./snippets.mjs";
-import { installed, root, run } from "./support.mjs";
+import { installed, npm, root, run } from "./support.mjs";
 
 const npmReadme = "pkg-config/README.npm.md";
 
@@ -14,9 +14,9 @@ const npmReadme = "pkg-config/README.npm.md";
 const brought = {
   Relocalizer: 'import { Relocalizer } from "landline";',
   relocalizer: 'declare const relocalizer: import("landline").Relocalizer;',
+  mapper: 'declare const mapper: import("landline/mapper").Mapper;',
   scene: "declare const scene: string;",
   video: "declare const video: HTMLVideoElement;",
-  context: "declare const context: CanvasRenderingContext2D;",
   cdn: "declare const cdn: string;",
   fileInput: "declare const fileInput: HTMLInputElement;",
   useEffect: "declare function useEffect(effect: () => void | (() => void), on: unknown[]): void;",
@@ -47,7 +47,7 @@ test("code in the documents type-checks as it is printed", async (t) => {
     }
   }
   assert.ok(files.length >= 10, `${files.length} snippets`);
-  await writeFile(join(folder, "foreign.d.ts"), `${foreign.map((name) => `declare module "${name}";`).join("\n")}\ndeclare module "node:fs/promises" { export function readFile(path: string): Promise<Uint8Array>; }\n`);
+  await writeFile(join(folder, "foreign.d.ts"), `${foreign.map((name) => `declare module "${name}";`).join("\n")}\ndeclare module "node:fs/promises" { export function readFile(path: string | URL): Promise<Uint8Array>; }\n`);
   const options = {
     module: "esnext", moduleResolution: "bundler", target: "es2022", lib: ["es2023", "esnext.disposable", "dom", "dom.asynciterable"],
     // They are JavaScript: a parameter without a type is no fault.
@@ -66,7 +66,7 @@ test("code in the documents type-checks as it is printed", async (t) => {
 
 test("the first lines of the package's page locate its sample", { timeout: 240_000 }, async (t) => {
   const folder = await installed(t);
-  const code = await snippet(npmReadme, "landline/sample");
+  const code = await snippet(npmReadme, "await fetch(picture)");
   const imports = { landline: "./node_modules/landline/index.js", "landline/sample": "./node_modules/landline/sample.js" };
   const html = `<!doctype html><meta charset="utf-8"><link rel="icon" href="data:,"><script type="importmap">${JSON.stringify({ imports })}</script>
     <script type="module">${code}
@@ -81,6 +81,38 @@ test("the first lines of the package's page locate its sample", { timeout: 240_0
   assert.ok(off < 0.05, `${off} ${said}`);
   assert.deepEqual(said, []);
   assert.ok(server.requests.some(({ path }) => path.endsWith("sample/picture.jpg")));
+});
+
+test("the lines for Node locate the sample", { timeout: 240_000 }, async (t) => {
+  const folder = await installed(t);
+  const added = await run(npm, ["install", "--no-audit", "--no-fund", "jpeg-js@0.4.4"], folder);
+  assert.equal(added.status, 0, added.stderr);
+  const code = await snippet(npmReadme, "// locate.mjs");
+  await writeFile(join(folder, "locate.mjs"), `${code}
+    import { position as truth } from "landline/sample";
+    const at = result.located ? result.placement.position : undefined;
+    if (!at || Math.hypot(at.x - truth.x, at.y - truth.y, at.z - truth.z) > 0.05) process.exitCode = 1;`);
+  const { status, stdout, stderr } = await run(process.execPath, ["locate.mjs"], folder);
+  assert.equal(status, 0, stdout + stderr);
+  assert.match(stdout, /x: 4\.3/);
+});
+
+test("the lines for a camera follow it, and stop", { timeout: 240_000 }, async (t) => {
+  const folder = await installed(t);
+  const code = await snippet(npmReadme, "button.onclick = start");
+  const imports = { landline: "./node_modules/landline/index.js", "landline/sample": "./node_modules/landline/sample.js" };
+  await writeFile(join(folder, "index.html"), `<!doctype html><meta charset="utf-8"><link rel="icon" href="data:,"><body><script type="importmap">${JSON.stringify({ imports })}</script><script type="module">${code}</script>`);
+  const server = await serve(t, { dir: folder });
+  const flags = await fakeCamera(t, [join(folder, "node_modules/landline/sample/picture.jpg")], 60);
+  const { page, said } = await open(await browser(t, flags), server.url, { permissions: ["camera"] });
+  const logged = [];
+  page.on("console", (message) => logged.push(message.text()));
+  await page.click("text=Start");
+  for (let i = 0; i < 600 && !logged.some((text) => /^(tracking|localization) [\d.]+ /.test(text)); i++) await page.waitForTimeout(100);
+  assert.ok(logged.some((text) => /^(tracking|localization) [\d.]+ /.test(text)), logged.join("\n"));
+  assert.ok(await page.evaluate(() => document.querySelector("canvas").getContext("2d").getImageData(200, 200, 1, 1).data[3] === 255), "the picture is drawn");
+  await page.click("text=Stop");
+  assert.deepEqual(said, []);
 });
 
 test("plain HTML and a CDN work as the package's page says", { timeout: 240_000 }, async (t) => {

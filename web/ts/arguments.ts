@@ -26,7 +26,8 @@ export const oneOf =
     words.includes(value as string) ? undefined : words.join(", ").replace(/, ([^,]*)$/, " or $1");
 export const object: Check = (value) => (typeof value === "object" && value !== null ? undefined : "an object");
 export const anything: Check = () => undefined; // its own place checks it
-const included = oneOf("points", "lines", "segments");
+const part = oneOf("points", "lines", "segments");
+export const included: Check = (value) => (Array.isArray(value) && value.every((name) => !part(name)) ? undefined : "a list of points, lines or segments");
 
 const largest = Number.MAX_VALUE;
 
@@ -67,7 +68,7 @@ export const locate: Record<keyof LocateOptions, Check> = {
   intrinsics: object,
   intrinsicsSource: oneOf("given", "track", "exif"),
   timestamp: number(-largest, largest, "a finite number of milliseconds"),
-  include: (value) => (Array.isArray(value) && value.every((name) => !included(name)) ? undefined : "a list of points, lines or segments"),
+  include: included,
   camera: kind("string"),
   tracking: kind("boolean"),
   prior: object,

@@ -1,21 +1,42 @@
 /** The device's camera. */
+import { checkOptions, kind, number, object, oneOf, type Check } from "./arguments.js";
 import { LandlineError } from "./errors.js";
+import { unless } from "./rpc.js";
 import type { Intrinsics } from "./types.js";
 
+/** Which way a camera looks: away from the user, or at the user. */
+export type Facing = "environment" | "user";
+
 export interface CameraOptions {
-  /** Ask for this device. Otherwise the one that looks away from the user. */
+  /** Ask for this device, one of `cameras()`. */
   deviceId?: string;
+  /** Otherwise the one that looks this way, `environment` by default. */
+  facing?: Facing;
   /** What to ask for; the camera may give something else. */
   width?: number;
   height?: number;
+  /** Gives up waiting for the user's answer; a camera that is opened all the same is closed at once. */
+  signal?: AbortSignal;
+}
+
+/** A camera that could be opened. */
+export interface CameraDevice {
+  deviceId: string;
+  /** Its name; browsers tell it only while or after a camera was allowed, and "Camera 1" stands for it until then. */
+  label: string;
 }
 
 export interface Camera {
+  /** Another one after `flip()`. */
   readonly stream: MediaStream;
-  /** Playing; not part of the page unless you add it. */
+  /** Playing; not part of the page unless you add it. The same after `flip()`. */
   readonly video: HTMLVideoElement;
   /** Changes when the lens or the size changes: key for what is remembered about the focal length. */
   key(): string;
+  /** Goes over to the camera on the other side, or to the next one where sides are not known. The old one stays where that fails. */
+  flip(): Promise<void>;
+  /** Switches the light; false where there is none. */
+  torch(on: boolean): Promise<boolean>;
   /** Stops the camera. */
   stop(): void;
 }
@@ -29,47 +50,105 @@ const problems: Record<string, { code: "camera-denied" | "camera-unavailable" | 
   AbortError: { code: "camera-busy", message: "the camera stopped while starting", hint: "Try again." },
 };
 
-/** Opens a camera. Call it from a click or a tap: browsers ask the user. */
-export async function camera(options: CameraOptions = {}): Promise<Camera> {
-  const media = globalThis.navigator?.mediaDevices;
-  if (!media?.getUserMedia) {
-    if (globalThis.isSecureContext === false) {
-      throw new LandlineError("camera-insecure", "browsers give the camera only to pages loaded over HTTPS or from this computer", "Open the page with https://, or use a picture or a video.");
-    }
-    throw new LandlineError("camera-unavailable", "this browser offers no camera", "Open the page in a browser rather than inside another app, or use a picture or a video.");
+const options: Record<keyof CameraOptions, Check> = {
+  deviceId: kind("string"),
+  facing: oneOf("environment", "user"),
+  width: number(1, 1e6, "pixels, at least 1"),
+  height: number(1, 1e6, "pixels, at least 1"),
+  signal: object,
+};
+
+/** Where cameras come from. */
+function devices(): MediaDevices {
+  const media: Partial<MediaDevices> | undefined = globalThis.navigator?.mediaDevices;
+  if (media?.getUserMedia) return media as MediaDevices;
+  if (globalThis.isSecureContext === false) {
+    throw new LandlineError("camera-insecure", "browsers give the camera only to pages loaded over HTTPS or from this computer", "Open the page with https://, or use a picture or a video.");
   }
-  const { deviceId, width = 1280, height = 720 } = options;
-  let stream: MediaStream;
+  throw new LandlineError("camera-unavailable", "this browser offers no camera", "Open the page in a browser rather than inside another app, or use a picture or a video.");
+}
+
+/** The cameras of this device. */
+export async function cameras(): Promise<CameraDevice[]> {
+  const found = (await devices().enumerateDevices()).filter((device) => device.kind === "videoinput");
+  return found.map(({ deviceId, label }, i) => ({ deviceId, label: label || `Camera ${i + 1}` }));
+}
+
+const close = (stream: MediaStream): void => stream.getTracks().forEach((track) => track.stop());
+
+async function streamOf(size: MediaTrackConstraints, which: MediaTrackConstraints): Promise<MediaStream> {
   try {
-    stream = await media.getUserMedia({
-      audio: false,
-      video: { width: { ideal: width }, height: { ideal: height }, ...(deviceId === undefined ? { facingMode: { ideal: "environment" } } : { deviceId: { exact: deviceId } }) },
-    });
+    return await devices().getUserMedia({ audio: false, video: { ...size, ...which } });
   } catch (error) {
+    if (error instanceof LandlineError) throw error;
     const known = problems[(error as Error).name];
     if (known) throw new LandlineError(known.code, known.message, known.hint, error);
     throw new LandlineError("camera-unavailable", `the camera cannot be opened: ${String((error as Error).message ?? error)}`, "Try again, or use a picture or a video.", error);
   }
-  const video = document.createElement("video");
-  video.muted = true;
-  video.playsInline = true;
+}
+
+async function play(video: HTMLVideoElement, stream: MediaStream): Promise<void> {
   video.srcObject = stream;
   try {
     await video.play();
   } catch (error) {
-    stream.getTracks().forEach((track) => track.stop());
+    close(stream);
     throw new LandlineError("camera-unavailable", `the camera's picture cannot be shown: ${String((error as Error).message ?? error)}`, "Try again.", error);
   }
+}
+
+/** Opens a camera. Call it from a click or a tap: browsers ask the user. */
+export async function camera(given: CameraOptions = {}): Promise<Camera> {
+  checkOptions("camera", given, options);
+  const { deviceId, facing = "environment", width = 1280, height = 720, signal } = given;
+  signal?.throwIfAborted();
+  const size: MediaTrackConstraints = { width: { ideal: width }, height: { ideal: height } };
+  const asked = streamOf(size, deviceId === undefined ? { facingMode: { ideal: facing } } : { deviceId: { exact: deviceId } });
+  // The browser's question cannot be taken back: an answer that comes too late closes what it opened.
+  asked.then((late) => signal?.aborted && close(late)).catch(() => undefined);
+  let stream = await unless(signal, asked);
+  const video = document.createElement("video");
+  video.muted = true;
+  video.playsInline = true;
+  await play(video, stream);
+  let stopped = false;
+  const track = (): MediaStreamTrack | undefined => stream.getVideoTracks()[0];
   return {
-    stream,
+    get stream(): MediaStream {
+      return stream;
+    },
     video,
     key(): string {
-      const track = stream.getVideoTracks()[0];
-      const settings = track?.getSettings() as (MediaTrackSettings & { zoom?: number }) | undefined;
-      return [settings?.deviceId ?? "", track?.label ?? "", `${video.videoWidth}x${video.videoHeight}`, settings?.zoom ?? 1].join("|");
+      const settings = track()?.getSettings() as (MediaTrackSettings & { zoom?: number }) | undefined;
+      return [settings?.deviceId ?? "", track()?.label ?? "", `${video.videoWidth}x${video.videoHeight}`, settings?.zoom ?? 1].join("|");
+    },
+    async flip(): Promise<void> {
+      const { deviceId: now, facingMode } = track()?.getSettings() ?? {};
+      const all = await cameras();
+      if (all.length < 2) throw new LandlineError("camera-unavailable", "there is no other camera");
+      const next = all[(all.findIndex((device) => device.deviceId === now) + 1) % all.length]?.deviceId ?? "";
+      const other: MediaTrackConstraints = facingMode ? { facingMode: { exact: facingMode === "user" ? "environment" : "user" } } : { deviceId: { exact: next } };
+      // Phones open one camera at a time.
+      close(stream);
+      try {
+        stream = await streamOf(size, other);
+      } catch (error) {
+        stream = await streamOf(size, now ? { deviceId: { exact: now } } : {});
+        await play(video, stream);
+        throw error;
+      }
+      if (stopped) return close(stream);
+      await play(video, stream);
+    },
+    async torch(on: boolean): Promise<boolean> {
+      const has = track()?.getCapabilities?.() as (MediaTrackCapabilities & { torch?: boolean }) | undefined;
+      if (!has?.torch) return false;
+      await track()?.applyConstraints({ advanced: [{ torch: on } as MediaTrackConstraintSet] });
+      return true;
     },
     stop(): void {
-      stream.getTracks().forEach((track) => track.stop());
+      stopped = true;
+      close(stream);
       video.srcObject = null;
     },
   };

@@ -1,4 +1,5 @@
 /** Follows a playing video: a result for every frame, with its picture. */
+import { checkOptions, included, kind, number, object, type Check } from "./arguments.js";
 import { intrinsicsFromTrack } from "./camera.js";
 import { LandlineError } from "./errors.js";
 import { Follower, type AnswerUse, type FollowerResult, type LostFrame, type TrackedFrame } from "./follower.js";
@@ -52,7 +53,7 @@ export interface FollowEvents {
   corrected: CustomEvent<FollowResult>;
   /** Every answer of the relocalizer. */
   answer: CustomEvent<FollowedAnswer>;
-  /** What went wrong; the same message once, not with every frame. */
+  /** What went wrong; the same message once, not with every frame. Where nobody listens it goes to the console. */
   error: CustomEvent<unknown>;
 }
 
@@ -93,6 +94,19 @@ export interface Locator extends Pick<Relocalizer, "backend" | "follower"> {
 
 /** Longest side of the picture that is tracked. */
 const trackedSide = 640;
+
+const known: Record<keyof FollowOptions, Check> = {
+  intrinsics: object,
+  include: included,
+  camera: (value) => (typeof value === "string" || typeof value === "function" ? undefined : "a name, or a function that gives one"),
+  maxFps: number(Number.MIN_VALUE, Infinity, "frames a second, above 0"),
+  maxLocalizationsPerSecond: number(Number.MIN_VALUE, Infinity, "answers a second, above 0"),
+  blendMs: number(0, Infinity, "milliseconds that are not negative"),
+  sensors: object,
+  onResult: kind("function"),
+  onAnswer: kind("function"),
+  onError: kind("function"),
+};
 
 /** Picture of the video now: without a copy where the browser can hold it, else what was drawn for the tracker. */
 class Held implements FollowedFrame {
@@ -147,6 +161,7 @@ class Loop extends EventTarget {
   #held: Held | undefined;
   #intrinsics: Intrinsics | undefined;
   #told = "";
+  #isHeard = false;
   #world: string | undefined;
   dropped = 0;
   processed = 0;
@@ -169,6 +184,11 @@ class Loop extends EventTarget {
       })
       .catch((error: unknown) => this.#fail(error));
     this.#schedule();
+  }
+
+  override addEventListener(...listening: Parameters<EventTarget["addEventListener"]>): void {
+    this.#isHeard ||= listening[0] === "error";
+    super.addEventListener(...listening);
   }
 
   stop(): void {
@@ -243,7 +263,8 @@ class Loop extends EventTarget {
         const name = typeof options.camera === "function" ? options.camera() : options.camera;
         const stream = this.#video.srcObject;
         const track = stream instanceof MediaStream ? stream.getVideoTracks()[0] : undefined;
-        const given = fitting(options.intrinsics, held) ?? fitting(intrinsicsFromTrack(track), held);
+        const own = this.#given(held);
+        const given = own ?? fitting(intrinsicsFromTrack(track), held);
         const include: Include[] = [...new Set<Include>(["points", "lines", ...(options.include ?? [])])];
         const gravity = options.sensors?.gravity();
         const result = await relocalizer.locate(pictures[1], {
@@ -251,7 +272,7 @@ class Loop extends EventTarget {
           transfer: true,
           timestamp: performance.timeOrigin + now,
           include,
-          ...(given ? { intrinsics: given, intrinsicsSource: given === options.intrinsics ? "given" : "track" } : {}),
+          ...(given ? { intrinsics: given, intrinsicsSource: own ? "given" : "track" } : {}),
           ...(name === undefined ? {} : { camera: name }),
           ...(gravity ? { gravity } : {}),
         });
@@ -272,7 +293,7 @@ class Loop extends EventTarget {
           bitmap: () => createImageBitmap(picture),
         };
         const detail: FollowedAnswer = { result, frame, use };
-        options.onAnswer?.(detail);
+        call(options.onAnswer, detail);
         this.dispatchEvent(new CustomEvent("answer", { detail }));
       } finally {
         pictures[0].close();
@@ -283,12 +304,23 @@ class Loop extends EventTarget {
       .finally(() => (this.#inFlight -= 1));
   }
 
+  /** The given intrinsics, where they are of this shape; those of a turned phone are not, and that is told. */
+  #given(frame: { width: number; height: number }): Intrinsics | undefined {
+    const { intrinsics } = this.#options;
+    const fits = fitting(intrinsics, frame);
+    if (intrinsics && !fits) {
+      const { width, height } = intrinsics;
+      this.#fail(new LandlineError("bad-input", `the intrinsics are for ${width} x ${height}, the video is ${frame.width} x ${frame.height}: the shapes differ, so they are left out`, "Pass those of the video as it is now; a turned phone swaps width and height."));
+    }
+    return fits;
+  }
+
   #publish(tracked: FollowerResult, frame: FollowedFrame, timestampMs: number, trackingMs: number): void {
     const intrinsics = this.#intrinsics;
     const result = { ...tracked, timestampMs, frame, trackingMs, ...(intrinsics ? { intrinsics } : {}) } as FollowResult;
     const before = this.#last;
     this.#last = result;
-    this.#options.onResult?.(result);
+    call(this.#options.onResult, result);
     const send = (type: keyof FollowEvents): void => void this.dispatchEvent(new CustomEvent(type, { detail: result }));
     send("result");
     if (result.located && !before?.located) send("found");
@@ -304,8 +336,19 @@ class Loop extends EventTarget {
     const words = String((error as Error)?.message ?? error);
     if (code === "disposed" || words === this.#told) return;
     this.#told = words;
-    this.#options.onError?.(error);
+    // What nobody listens for belongs in the console.
+    if (!this.#options.onError && !this.#isHeard) reportError(error);
+    call(this.#options.onError, error);
     this.dispatchEvent(new CustomEvent("error", { detail: error }));
+  }
+}
+
+/** A page's own function; what it throws is the page's, and goes where the page looks for it. */
+function call<T>(listener: ((value: T) => void) | undefined, value: T): void {
+  try {
+    listener?.(value);
+  } catch (error) {
+    reportError(error);
   }
 }
 
@@ -321,5 +364,6 @@ function fitting(intrinsics: Intrinsics | undefined, { width, height }: { width:
  * hidden. Tracking runs on this thread, so that the result comes in the very callback in which the frame is shown.
  */
 export function follow(relocalizer: Locator, video: HTMLVideoElement, options: FollowOptions = {}): Following {
+  checkOptions("follow", options, known);
   return new Loop(relocalizer, video, options) as unknown as Following;
 }

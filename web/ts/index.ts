@@ -1,8 +1,8 @@
 /** landline: finds the camera of a picture in a taught place, on the device. */
-export { Relocalizer, packagedExtractorUrl, type StateEvent } from "./relocalizer.js";
+export { Relocalizer, packagedExtractorUrl, type RelocalizerEvents, type StateEvent } from "./relocalizer.js";
 export { packagedWasmUrl } from "./builds.js";
 export { LandlineError, type LandlineErrorCode } from "./errors.js";
-export { camera, intrinsicsFromTrack, type Camera, type CameraOptions } from "./camera.js";
+export { camera, cameras, intrinsicsFromTrack, type Camera, type CameraDevice, type CameraOptions, type Facing } from "./camera.js";
 export { follow, type FollowedAnswer, type FollowedFrame, type FollowEvents, type FollowOptions, type FollowResult, type Following, type Locator } from "./follow.js";
 export { Follower, type AnswerUse, type Correction, type FollowLimit, type FollowState, type FollowerOptions, type FollowerResult, type LostFrame, type RgbaFrame, type TrackLoss, type TrackedFrame, type Turn } from "./follower.js";
 export { motionSensors, type MotionSensors } from "./sensors.js";

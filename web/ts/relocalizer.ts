@@ -8,6 +8,7 @@ import { prepareFrame } from "./frames.js";
 import { loadEngine } from "./init.js";
 import type { Created, MemoryUse } from "./protocol.js";
 import { gravityOf, intrinsicsOf, liveOptions } from "./requests.js";
+import { InOrder, unless } from "./rpc.js";
 import { isNode } from "./support.js";
 import type { Backend, Build, CreateOptions, FrameSource, LiveOptions, LocateOptions, LocateResult, SceneInfo } from "./types.js";
 
@@ -18,6 +19,22 @@ export function packagedExtractorUrl(): URL {
 
 /** What `searching`, `tracking` and `limited` listeners get; `detail` is the result that led there. */
 export type StateEvent = CustomEvent<LocateResult>;
+
+/** Events of a relocalizer: every result, and the changes of the state over several frames. */
+export interface RelocalizerEvents {
+  result: StateEvent;
+  searching: StateEvent;
+  tracking: StateEvent;
+  limited: StateEvent;
+}
+
+/** Types of the events; the methods are those of `EventTarget`. */
+export interface Relocalizer {
+  addEventListener<K extends keyof RelocalizerEvents>(type: K, listener: (event: RelocalizerEvents[K]) => void, options?: boolean | AddEventListenerOptions): void;
+  addEventListener(type: string, listener: EventListenerOrEventListenerObject | null, options?: boolean | AddEventListenerOptions): void;
+  removeEventListener<K extends keyof RelocalizerEvents>(type: K, listener: (event: RelocalizerEvents[K]) => void, options?: boolean | EventListenerOptions): void;
+  removeEventListener(type: string, listener: EventListenerOrEventListenerObject | null, options?: boolean | EventListenerOptions): void;
+}
 
 /**
  * Finds the camera in one taught place.
@@ -40,6 +57,7 @@ export class Relocalizer extends EventTarget {
   #disposed = false;
   readonly #module: WebAssembly.Module;
   #inFlight = 0;
+  readonly #order = new InOrder();
 
   private constructor(channel: Channel, module: WebAssembly.Module, toThread: boolean, created: Created) {
     super();
@@ -134,48 +152,48 @@ export class Relocalizer extends EventTarget {
     return this.#inFlight === 0 && !this.#disposed;
   }
 
-  /** Finds the camera of one frame. Frames are answered in the order of the calls. */
+  /** Finds the camera of one frame. Frames are answered in the order of the calls; an aborted one rejects at once. */
   async locate(source: FrameSource, options: LocateOptions = {}): Promise<LocateResult> {
     this.#check();
     checkLocateOptions(options);
     options.signal?.throwIfAborted();
     this.#inFlight += 1;
-    try {
-      const calledAt = performance.timeOrigin + performance.now();
-      const prepared = await prepareFrame(source, options.transfer ?? false, this.#toThread);
-      const { frame } = prepared;
-      let result: LocateResult;
+    const answer = this.#locate(source, options).finally(() => (this.#inFlight -= 1));
+    const result = await unless(options.signal, answer);
+    this.#publish(result);
+    return result;
+  }
+
+  /** A frame that the engine has is computed all the same when it is aborted: its effect on tracking stays. */
+  #locate(source: FrameSource, options: LocateOptions): Promise<LocateResult> {
+    const calledAt = performance.timeOrigin + performance.now();
+    const { signal } = options;
+    return this.#order.next(prepareFrame(source, options.transfer ?? false, this.#toThread), async ({ frame, transfer, exif, isFile }) => {
       try {
         this.#check();
-        options.signal?.throwIfAborted();
-        result = await this.#channel.call(
+        signal?.throwIfAborted();
+        return await this.#channel.call(
           "locate",
           {
             frame,
-            ...intrinsicsOf(frame, options, prepared.exif),
+            ...intrinsicsOf(frame, options, exif),
             timestampMs: options.timestamp ?? calledAt,
             include: options.include ?? [],
             camera: options.camera ?? "",
             tracking: options.tracking ?? false,
-            explain: options.explain ?? (prepared.isFile === true && !options.tracking),
+            explain: options.explain ?? (isFile === true && !options.tracking),
             gravity: gravityOf(options.gravity),
             prior: cameraFromWorldOf(options.prior, "prior"),
             calledAt,
           },
-          prepared.transfer,
+          transfer,
         );
       } catch (error) {
         // What was not handed over would keep its memory until the next collection.
         if (!("data" in frame)) frame.close();
         throw error;
       }
-      // A cancelled frame was computed all the same; its answer is withheld, its effect on tracking stays.
-      options.signal?.throwIfAborted();
-      this.#publish(result);
-      return result;
-    } finally {
-      this.#inFlight -= 1;
-    }
+    });
   }
 
   /** Follows one camera on the caller's thread, with the engine that was loaded already. */

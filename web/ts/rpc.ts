@@ -118,3 +118,35 @@ export class DirectChannel<C extends CallTable<C>> implements Channel<C> {
     return reply;
   }
 }
+
+/** What is computed for nobody any more: an answer, until the signal says that it is not wanted. */
+export function unless<T>(signal: AbortSignal | undefined, answer: Promise<T>): Promise<T> {
+  if (!signal) return answer;
+  return new Promise((done, fail) => {
+    const stop = (): void => fail(signal.reason as Error);
+    signal.addEventListener("abort", stop, { once: true });
+    answer.then(done, fail).finally(() => signal.removeEventListener("abort", stop));
+    if (signal.aborted) stop();
+  });
+}
+
+/**
+ * Hands things over in the order in which they were asked for, however long each takes to get ready: a large picture's
+ * decoding is overtaken by a small one's.
+ */
+export class InOrder {
+  #before: Promise<unknown> = Promise.resolve();
+
+  /** Waits for `ready` and for everything from before to be handed over, then calls `hand`; answers with what that answers. */
+  async next<R, A>(ready: Promise<R>, hand: (ready: R) => Promise<A>): Promise<A> {
+    // In an object, or what follows would wait for the answer too.
+    const handed = this.#before.then(() => ready).then((value) => ({ answer: hand(value) }));
+    this.#before = handed.then(
+      () => undefined,
+      () => undefined,
+    );
+    // One that fails early fails at once.
+    await ready;
+    return (await handed).answer;
+  }
+}

@@ -351,3 +351,10 @@ export interface Support {
   /** One sentence for everything that is missing. */
   reasons: string[];
 }
+
+declare global {
+  /** As in `esnext.disposable`, for projects whose `lib` has it not yet. */
+  interface SymbolConstructor {
+    readonly asyncDispose: unique symbol;
+  }
+}

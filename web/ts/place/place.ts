@@ -8,6 +8,7 @@ import { loadEngine } from "../init.js";
 import { placementFrom } from "../placement.js";
 import { packagedExtractorUrl } from "../relocalizer.js";
 import { gravityOf, intrinsicsOf, liveOptions } from "../requests.js";
+import { unless } from "../rpc.js";
 import { isNode } from "../support.js";
 import type { Backend, Build, FrameSource, LiveOptions } from "../types.js";
 import { directChannel, workerChannel, type Channel } from "./channel.js";
@@ -151,49 +152,44 @@ export class Place extends EventTarget {
 
   /**
    * Finds the camera of one frame, in whatever room; scenes that are needed for that are loaded first. Frames are answered in
-   * the order of the calls.
+   * the order of the calls; an aborted one rejects at once.
    */
   async locate(source: FrameSource, options: PlaceLocateOptions = {}): Promise<PlaceResult> {
     this.#check();
     checkOptions("locate", options, locateInPlace);
     options.signal?.throwIfAborted();
     this.#inFlight += 1;
-    try {
-      const calledAt = performance.timeOrigin + performance.now();
-      const prepared = await prepareFrame(source, options.transfer ?? false, this.#toThread);
-      const { frame } = prepared;
-      const ask = async (): Promise<Answer> => {
-        try {
-          this.#check();
-          options.signal?.throwIfAborted();
-          return await this.#channel.call(
-            "locate",
-            {
-              frame,
-              ...intrinsicsOf(frame, options, prepared.exif),
-              timestampMs: options.timestamp ?? calledAt,
-              include: options.include ?? [],
-              camera: options.camera ?? "",
-              tracking: options.tracking ?? false,
-              gravity: gravityOf(options.gravity),
-              calledAt,
-            },
-            prepared.transfer,
-          );
-        } catch (error) {
-          if (!("data" in frame)) frame.close();
-          throw error;
-        }
-      };
-      // The engine remembers one frame: the next must wait until this one has its scenes.
-      const answered = this.#queue.then(async () => this.#completed(await ask()));
-      this.#queue = answered.catch(() => undefined);
-      const answer = await answered;
-      options.signal?.throwIfAborted();
-      return this.#publish(answer);
-    } finally {
-      this.#inFlight -= 1;
-    }
+    const calledAt = performance.timeOrigin + performance.now();
+    const ready = prepareFrame(source, options.transfer ?? false, this.#toThread);
+    ready.catch(() => undefined); // told in its turn
+    const ask = async (): Promise<Answer> => {
+      const { frame, exif, transfer } = await ready;
+      try {
+        this.#check();
+        options.signal?.throwIfAborted();
+        return await this.#channel.call(
+          "locate",
+          {
+            frame,
+            ...intrinsicsOf(frame, options, exif),
+            timestampMs: options.timestamp ?? calledAt,
+            include: options.include ?? [],
+            camera: options.camera ?? "",
+            tracking: options.tracking ?? false,
+            gravity: gravityOf(options.gravity),
+            calledAt,
+          },
+          transfer,
+        );
+      } catch (error) {
+        if (!("data" in frame)) frame.close();
+        throw error;
+      }
+    };
+    // The engine remembers one frame: the next must wait until this one has its scenes.
+    const answered = this.#queue.then(async () => this.#completed(await ask())).finally(() => (this.#inFlight -= 1));
+    this.#queue = answered.catch(() => undefined);
+    return this.#publish(await unless(options.signal, answered));
   }
 
   /** Loads a room's scene before it is needed, by its id; false when it cannot be had, which `refused` tells. */

@@ -40,16 +40,26 @@ export function summary(rows) {
   };
 }
 
+/** End of an axis: the round number (1, 2, 5, 10, …) that nine of ten values are below. */
+export function axisEnd(values) {
+  const sorted = [...values].sort((a, b) => a - b);
+  const most = sorted[Math.ceil(0.9 * sorted.length) - 1];
+  if (!(most > 0)) return 1;
+  const power = 10 ** Math.floor(Math.log10(most));
+  return power * ([1, 2, 5, 10].find((step) => step * power >= most) ?? 10);
+}
+
 /** Share of pictures below an error, for both errors; `metric` where the world is in metres. */
 export function drawPlot(canvas, rows, metric) {
   const context = canvas.getContext("2d");
   const { width, height } = canvas;
   context.clearRect(0, 0, width, height);
   const known = rows.filter((row) => row.hasTruth);
-  const pad = { left: 44, right: 14, top: 16, bottom: 34 };
+  const pad = { left: 52, right: 14, top: 16, bottom: 34 };
   const w = width - pad.left - pad.right;
   const h = height - pad.top - pad.bottom;
-  context.font = "12px system-ui, sans-serif";
+  // Twice what a phone shows of it.
+  context.font = "15px system-ui, sans-serif";
   context.fillStyle = "#9aa7b6";
   context.strokeStyle = "#28313c";
   for (let i = 0; i <= 4; i++) {
@@ -60,8 +70,10 @@ export function drawPlot(canvas, rows, metric) {
     context.stroke();
     context.fillText(`${25 * i} %`, 6, y + 4);
   }
+  const located = known.filter((row) => row.located);
+  const [farthest, widest] = ["distance", "degrees"].map((key) => axisEnd(located.map((row) => row[key])));
   const curve = (key, limit, color, dash) => {
-    const values = known.filter((row) => row.located).map((row) => row[key]).sort((a, b) => a - b);
+    const values = located.map((row) => row[key]).sort((a, b) => a - b);
     context.beginPath();
     context.moveTo(pad.left, pad.top + h);
     values.forEach((value, i) => {
@@ -76,15 +88,15 @@ export function drawPlot(canvas, rows, metric) {
     context.setLineDash([]);
     context.lineWidth = 1;
   };
-  curve("distance", 0.2, "#ffb057", []);
-  curve("degrees", 10, "#62b6ff", [6, 4]);
-  for (let i = 1; i <= 4; i++) {
-    context.fillText(`${length(0.05 * i, metric)} · ${(2.5 * i).toFixed(1)}°`, pad.left + (w * i) / 4 - (i === 4 ? 78 : 36), height - 12);
-  }
+  curve("distance", farthest, "#ffb057", []);
+  curve("degrees", widest, "#62b6ff", [6, 4]);
+  context.textAlign = "right";
+  for (const i of [1, 2, 3, 4]) context.fillText(`${length((farthest * i) / 4, metric)} · ${Number(((widest * i) / 4).toPrecision(3))}°`, pad.left + (w * i) / 4, height - 10);
   context.fillStyle = "#ffb057";
-  context.fillText("position (solid)", pad.left + w - 210, pad.top + h - 12);
+  context.fillText("position (solid)", pad.left + w - 150, pad.top + h - 12);
   context.fillStyle = "#62b6ff";
-  context.fillText("rotation (dashed)", pad.left + w - 112, pad.top + h - 12);
+  context.fillText("rotation (dashed)", pad.left + w, pad.top + h - 12);
+  context.textAlign = "left";
 }
 
 export function toCsv(rows) {

@@ -78,10 +78,18 @@ async function listCameras(opened) {
   $("camera-choice").hidden = devices.length < 2;
 }
 
-/** Until the first answer there is nothing to draw over the picture. */
-function showEmptyUntilAnswer({ state: following }) {
-  if (following === "searching") status("wait", "Searching", "Looking for the first position.");
-}
+/** Why a frame has no position, while the last one that had is not long ago. */
+const lostWords = {
+  "excessive-motion": "Too fast to follow: hold still for a moment.",
+  "insufficient-features": "What was followed is not found again: hold still, or show edges and patterns.",
+  "out-of-view": "What was followed is out of view: turn back a little, or wait.",
+  jump: "The position jumped: waiting for a second answer.",
+  frozen: "The camera gives the same picture again and again.",
+  resized: "The picture has changed its size.",
+};
+
+/** The frame on the page has no position, whatever an earlier one had. */
+const sayLost = ({ limited }) => status("warn", "Searching", lostWords[limited] ?? "Looking for the position.");
 
 /** How many frames a second have a position, and where the newest came from. */
 class Rate {
@@ -94,7 +102,7 @@ class Rate {
   }
 
   words(result) {
-    if (!result.located) return result.limited ? `no position: ${result.limited.replaceAll("-", " ")}` : "no position";
+    if (!result.located) return "no position";
     // A video that began anew is at an earlier time than the answer that it is tracked from.
     const from = result.by === "localization" ? "located" : result.age.ms < 0 ? "tracked" : `tracked from ${Math.round(result.age.ms)} ms ago`;
     return `${this.#times.length} a second · ${from} · ${result.trackingMs.toFixed(1)} ms`;
@@ -104,6 +112,7 @@ class Rate {
 function run(video, key, live) {
   const mine = ++state.run;
   const rate = new Rate();
+  let newest;
   state.result = undefined;
   const following = follow(state.relocalizer, video, {
     camera: key,
@@ -117,14 +126,20 @@ function run(video, key, live) {
     onResult: (result) => {
       if (mine !== state.run) return;
       rate.count(result);
-      if (state.result) showTracked(result, `${live.name ? `${live.name} · ` : ""}${rate.words(result)}`);
-      else showEmptyUntilAnswer(result);
+      newest = result;
+      if (state.result) {
+        showTracked(result, `${live.name ? `${live.name} · ` : ""}${rate.words(result)}`);
+        // Why an answer has no position is said with the answer, and better.
+        if (!result.located && state.answer?.located) sayLost(result);
+      } else if (result.state === "searching") status("wait", "Searching", "Looking for the first position.");
     },
     /** Now and then: what the relocalizer found, in the picture that it was given. */
     onAnswer: ({ result, frame }) => {
       if (mine !== state.run) return;
-      if (state.result) showAnswer(result);
-      else showFrame(result, frame.source, live.name, undefined, true);
+      if (state.result) {
+        showAnswer(result);
+        if (result.located && newest && !newest.located) sayLost(newest);
+      } else showFrame(result, frame.source, live.name, undefined, true);
       if (live.camera) keepFocal(result, key());
     },
     onError: (error) => {

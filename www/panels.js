@@ -171,13 +171,14 @@ export function showScene(info, name) {
   const metric = info.units === "metres";
   const rows = [
     ["Name", name],
-    ["Method", `${info.extractor} · ${info.variant}, ${info.preset}`],
+    ["Features", { xfeat: "XFeat", superpoint: "SuperPoint" }[info.extractor] ?? info.extractor],
     ["Size", bytes(info.bytes)],
     ["Units", metric ? "metres" : "unknown; lengths are in units of the scene"],
   ];
   if (info.heldOut) rows.push(["Accuracy", accuracy(info.heldOut, metric)]);
   if (info.licence) rows.push(["Licence", info.licence]);
-  if (info.created) rows.push(["Made", info.created]);
+  const made = new Date(info.created);
+  if (!Number.isNaN(made.valueOf())) rows.push(["Made", made.toLocaleDateString("en-GB", { day: "numeric", month: "long", year: "numeric" })]);
   facts($("scene-facts"), rows);
 }
 

@@ -24,8 +24,12 @@ export async function startVideo(file) {
     await video.play();
   } catch (error) {
     URL.revokeObjectURL(url);
-    showEmpty("The video cannot be played", `${file.name} is in a form that this browser does not know. Use an MP4 (H.264) or WebM video.`);
-    problem({ code: "bad-input", message: `${file.name} cannot be played here`, hint: "Use an MP4 (H.264) or WebM video.", cause: error });
+    if (run !== state.run) return;
+    const message = file.size === 0 ? `“${file.name}” is empty` : `“${file.name}” cannot be played here`;
+    const hint = file.size === 0 ? "Copy or download it again." : "Use an MP4 (H.264) or WebM video.";
+    showEmpty("The video cannot be played", `${message}. ${hint}`);
+    status("bad", "Cannot use this", `${message}. ${hint}`);
+    problem({ code: "bad-input", message, hint, cause: error });
     return;
   }
   if (run !== state.run) return URL.revokeObjectURL(url);
@@ -104,7 +108,7 @@ class Rate {
   words(result) {
     if (!result.located) return "no position";
     // A video that began anew is at an earlier time than the answer that it is tracked from.
-    const from = result.by === "localization" ? "located" : result.age.ms < 0 ? "tracked" : `tracked from ${Math.round(result.age.ms)} ms ago`;
+    const from = result.by === "localization" ? "located" : result.age.ms < 0 ? "tracked" : `tracked for ${(result.age.ms / 1000).toFixed(1)} s`;
     return `${this.#times.length} a second · ${from} · ${result.trackingMs.toFixed(1)} ms`;
   }
 }

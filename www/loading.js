@@ -12,9 +12,11 @@ const bars = new LoadBars();
 let again;
 
 /** Words in the middle of the stage, in place of the picture. `retry` is what the button “Try again” does. */
-export function showEmpty(title, note, { retry, cancel = false } = {}) {
+export function showEmpty(title, note, { retry, cancel = false, steady = cancel } = {}) {
   clearStage();
   $("empty").hidden = false;
+  // While it loads nothing moves, whatever comes and goes.
+  $("empty").toggleAttribute("data-loading", steady);
   $("empty-title").textContent = title;
   $("empty-note").textContent = note;
   $("retry-load").hidden = !retry;
@@ -35,7 +37,7 @@ export const loadScene = (scene, name, isSample, retry = () => loadScene(scene, 
       state.scene = { name, isSample, again: () => loadScene(scene, name, isSample) };
       state.metric = relocalizer.scene.units === "metres";
       showScene(relocalizer.scene, name);
-      if (isSample) showEmpty("Waiting for the first picture", "");
+      if (isSample) showEmpty("Waiting for the first picture", "", { steady: true });
       else showEmpty("The scene is loaded", "Now choose a picture or a video of this place, or use the camera in it.");
     },
   });
@@ -76,7 +78,8 @@ export async function takeUp({ name, retry, make, taken }) {
     status("wait", "Ready", "Choose a picture, a video or the camera.");
     markReady();
     return true;
-  } catch (error) {
+  } catch (fault) {
+    const error = plainly(fault);
     bars.reset();
     if (loading.signal.aborted) {
       if (state.loading !== loading) return false;
@@ -94,6 +97,9 @@ export async function takeUp({ name, retry, make, taken }) {
     if (state.loading === loading) state.loading = undefined;
   }
 }
+
+/** What a file's checks say of its insides is for programs; that it is incomplete is for everybody. */
+const plainly = (error) => (error.code === "scene-corrupt" && /truncated|damaged/.test(error.message) ? { code: error.code, message: "the file is cut off or damaged", hint: error.hint } : error);
 
 /** A frame that could not be processed: says why, and replaces an engine that is broken. */
 export function frameFailed(error, name) {

@@ -63,7 +63,8 @@ export async function locatePicture(item) {
   try {
     bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
   } catch (error) {
-    throw Object.assign(new Error(`“${item.name}” cannot be decoded`), { code: "bad-input", hint: "Use a JPEG, PNG or WebP picture.", cause: error });
+    const [message, hint] = blob.size === 0 ? ["is empty", "Copy or download it again."] : ["cannot be decoded: it is of another kind, or damaged", "Use a JPEG, PNG or WebP picture."];
+    throw Object.assign(new Error(`“${item.name}” ${message}`), { code: "bad-input", hint, cause: error });
   }
   const intrinsics = intrinsicsFor(item, bitmap.width, bitmap.height);
   const include = ["points", "lines", "segments"];

@@ -63,6 +63,33 @@ test("learns the camera's focal length and knows it at the next visit", { skip, 
   assert.equal(await page.evaluate(() => localStorage.getItem("landline-cameras")), null);
 });
 
+test("the status is of the frame that is shown", { skip, timeout: 240_000 }, async (t) => {
+  const { pictures, camera } = await sampleFiles();
+  // From one place to another without a way between: each time the position is lost until the next answer.
+  const flags = await fakeCamera(t, pictures.slice(0, 6).map(({ path }) => path), 25);
+  const server = await serve(t);
+  const { page } = await open(await browser(t, flags), server.url, { permissions: ["camera"] });
+  await located(page);
+  await page.fill("#focal", String(camera.fx));
+  await page.click("[data-source=camera]");
+  await page.waitForFunction(() => globalThis.landlinePage.state.live && globalThis.landlinePage.state.result?.located);
+  const seen = await page.evaluate(async () => {
+    const { state } = globalThis.landlinePage;
+    const counts = { lost: 0, found: 0, contradictions: [] };
+    state.live.following.addEventListener("result", ({ detail }) => {
+      const [word, tag] = ["#status-word", "#stage-tag"].map((what) => document.querySelector(what).textContent);
+      counts[detail.located ? "found" : "lost"] += 1;
+      if (!detail.located && (/Located/.test(word) || !/no position/.test(tag))) counts.contradictions.push(`${word}, ${tag}`);
+    });
+    const started = performance.now();
+    while ((counts.lost < 5 || counts.found < 5) && performance.now() - started < 120_000) await new Promise((done) => setTimeout(done, 50));
+    return counts;
+  });
+  assert.ok(seen.lost >= 5 && seen.found >= 5, JSON.stringify(seen));
+  assert.deepEqual(seen.contradictions, []);
+  assert.doesNotMatch(await page.textContent("#status"), /-features|excessive|frozen/);
+});
+
 test("offers the other cameras by name, and goes back to the sample", { skip, timeout: 240_000 }, async (t) => {
   const server = await serve(t);
   const flags = ["--use-fake-device-for-media-stream=device-count=2", "--use-fake-ui-for-media-stream"];

@@ -205,6 +205,23 @@ test("making the map can be cancelled, and what fails says why and what helps", 
   assert.deepEqual(said, []);
 });
 
+test("files of which none is a picture are named, with what is wrong with them", { skip, timeout: 240_000 }, async (t) => {
+  const error = { code: "not-enough-pictures", message: "too few pictures (0)", hint: "" };
+  const { page } = await mapping(t, { told: { stepMs: 1, failAt: "pairs", error } });
+  await page.click("[data-source=map]");
+  await page.waitForSelector("#map-pictures", { state: "attached" });
+  await page.setInputFiles("#map-pictures", [{ name: "notes.jpg", mimeType: "image/jpeg", buffer: Buffer.from("text") }, { name: "empty.jpg", mimeType: "image/jpeg", buffer: Buffer.alloc(0) }]);
+  await heading(page, "Too few pictures");
+  const reasons = await page.$$eval("#map-problems li summary", (all) => all.map((row) => row.textContent));
+  assert.deepEqual(reasons.sort(), ["1 picture: cannot be decoded: use JPEG, PNG or WebP", "1 picture: empty file"]);
+  await axe(page, "held");
+  await page.click("text=Back");
+  await heading(page, "Map this place");
+  await page.setInputFiles("#map-video", { name: "walk.mp4", mimeType: "video/mp4", buffer: Buffer.alloc(0) });
+  await heading(page, "This cannot be used");
+  assert.equal(await page.textContent("#map-held-text"), "“walk.mp4” is empty.");
+});
+
 test("a place gets its metres where there is no 3D view", { skip, timeout: 240_000 }, async (t) => {
   const { page, pictures, said } = await mapping(t, { told: { stepMs: 1 } });
   await page.route("**/result_view.js", (route) => route.fulfill({ contentType: "text/javascript", body: "export class ResultView { constructor() { throw new Error('no WebGL'); } }" }));

@@ -95,3 +95,23 @@ test("pictures that cannot be decoded leave the page usable", { skip, timeout: 2
   await page.click("[data-source=sample]");
   await located(page);
 });
+
+test("empty files are called empty, and the words are of the last thing that was tried", { skip, timeout: 240_000 }, async (t) => {
+  const server = await serve(t);
+  const { page } = await open(await browser(t), server.url);
+  await located(page);
+  const said = () => page.textContent("#status-detail");
+  await page.setInputFiles("#open-media", { name: "empty.jpg", mimeType: "image/jpeg", buffer: Buffer.alloc(0) });
+  await page.waitForFunction(() => /empty\.jpg/.test(document.querySelector("#status-detail").textContent));
+  assert.equal(await said(), "“empty.jpg” is empty. Copy or download it again.");
+  await page.setInputFiles("#open-media", { name: "walk.mp4", mimeType: "video/mp4", buffer: Buffer.alloc(0) });
+  const shown = await problem(page);
+  assert.equal(shown.text, "“walk.mp4” is empty.");
+  assert.equal(await said(), "“walk.mp4” is empty. Copy or download it again.");
+  await page.keyboard.press("Escape");
+  // A scene that is cut off: nothing of how such a file is built.
+  const whole = await (await fetch(new URL("scenes/sample/sample.landline", server.url))).arrayBuffer();
+  await page.setInputFiles("#open-scene", { name: "cut.landline", mimeType: "application/octet-stream", buffer: Buffer.from(whole.slice(0, 200_000)) });
+  const cut = await problem(page);
+  assert.deepEqual([cut.text, cut.code], ["The file is cut off or damaged.", "scene-corrupt"]);
+});

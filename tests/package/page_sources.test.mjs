@@ -43,6 +43,12 @@ test("a dropped folder with a scene and poses is evaluated", { skip, timeout: 24
   const facts = await page.textContent("#evaluation-facts");
   assert.match(facts, /4, 4 located/);
   assert.match(facts, /Within 5 cm, 5°100\.0 %/);
+  // It stands above the other cards, and its axes end where the errors do.
+  assert.equal(await page.evaluate(() => document.querySelector(".panels").firstElementChild.id), "evaluation");
+  assert.deepEqual(await page.evaluate(async () => {
+    const { axisEnd } = await import("./evaluate.js");
+    return [[0.001, 0.0032], [0.7], [3, 1, 2, 1, 1, 1, 1, 1, 1, 900], [0], []].map((values) => Number(axisEnd(values).toPrecision(9)));
+  }), [0.005, 1, 5, 1, 1]);
   const [download] = await Promise.all([page.waitForEvent("download"), page.click("#save-csv")]);
   const rows = (await readFile(await download.path(), "utf8")).trim().split("\n");
   assert.equal(rows.length, 5);
@@ -85,7 +91,7 @@ test("a video is followed", { skip, timeout: 240_000 }, async (t) => {
   await page.setInputFiles("#open-media", { name: "walk.webm", mimeType: "video/webm", buffer: video });
   await page.waitForFunction(() => globalThis.landlinePage.state.result?.state === "tracking");
   // Between two answers the picture that is drawn is the one that was tracked, and the page says how.
-  await page.waitForFunction(() => /^walk\.webm · \d+ a second · (tracked( from \d+ ms ago)?|located) · /.test(document.querySelector("#stage-tag").textContent));
+  await page.waitForFunction(() => /^walk\.webm · \d+ a second · (tracked( for \d+\.\d s)?|located) · /.test(document.querySelector("#stage-tag").textContent));
   await page.click("#play");
   assert.equal(await page.evaluate(() => globalThis.landlinePage.state.live.video.paused), true);
   // What is no video says what would be one.

@@ -54,6 +54,21 @@ test("while nothing has arrived the page shows that it loads, and on a phone not
   await loading.waitForFunction(() => document.querySelector("#empty-title").textContent === "Cancelled");
 });
 
+test("while it loads nothing on the page moves", { skip, timeout: 240_000 }, async (t) => {
+  const server = await serve(t);
+  const launched = await browser(t);
+  const init = "globalThis.shifts = []; new PerformanceObserver((list) => list.getEntries().forEach((entry) => entry.hadRecentInput || globalThis.shifts.push(entry.value))).observe({ type: 'layout-shift', buffered: true });";
+  for (const [name, options] of [["phone", phone], ["desktop", {}]]) {
+    const { page } = await open(launched, `${server.url}?dwell=100000`, { ...options, init });
+    await located(page);
+    await page.waitForSelector("#map-frame canvas");
+    const moved = (await page.evaluate(() => globalThis.shifts)).reduce((sum, one) => sum + one, 0);
+    t.diagnostic(`${name}: ${moved.toFixed(3)}`);
+    // What Web Vitals call good. Words and small pictures that come with the first position move the map down a little.
+    assert.ok(moved < 0.1, `${name}: ${moved}`);
+  }
+});
+
 test("an earlier picture never stays under another name", { skip, timeout: 240_000 }, async (t) => {
   const { pictures } = await sampleFiles();
   const server = await serve(t);

@@ -21,6 +21,7 @@ export async function beginStep(flow, left) {
       el("li", {}, el("strong", {}, "Wait a little."), " This device makes the map; pictures and map stay on it."),
     ),
     left ? unfinished(flow, left) : undefined,
+    left ? el("p", { class: "fine" }, "Or begin anew: the film above makes room for another one then.") : undefined,
     el(
       "div",
       { class: "map-ways" },

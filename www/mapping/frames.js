@@ -44,7 +44,10 @@ function event(target, name, failure, stop) {
 
 /** A video file, from its beginning to its end in even steps, however long each takes. `share` is how much of it is done. */
 export async function* framesOfVideo(video, file, stop) {
-  const failure = () => Object.assign(new Error(`“${file.name}” cannot be played here`), { code: "bad-input", hint: "Use an MP4 (H.264) or WebM video." });
+  const failure = () =>
+    file.size === 0
+      ? Object.assign(new Error(`“${file.name}” is empty`), { code: "bad-input", hint: "Copy or download it again." })
+      : Object.assign(new Error(`“${file.name}” cannot be played here`), { code: "bad-input", hint: "Use an MP4 (H.264) or WebM video." });
   const url = URL.createObjectURL(file);
   const canvas = new OffscreenCanvas(1, 1);
   try {
@@ -85,7 +88,7 @@ export async function* framesOfPictures(files, stop) {
     try {
       drawable = await createImageBitmap(file);
     } catch {
-      yield { name: file.name, share, failed: "cannot be decoded: use JPEG, PNG or WebP" };
+      yield { name: file.name, share, failed: file.size === 0 ? "empty file" : "cannot be decoded: use JPEG, PNG or WebP" };
       continue;
     }
     yield { source: file, drawable, name: file.name, share };

@@ -1,4 +1,5 @@
 /** The metre stick: two points are marked in a picture, their distance is typed, and the place has metres. */
+import { sentence } from "../panels.js";
 import { button, el } from "./elements.js";
 
 /** Length of the way between the cameras: what people know of their own film. */
@@ -6,6 +7,9 @@ function walk(pictures) {
   const at = pictures.flatMap(({ placement }) => (placement ? [placement.position] : []));
   return at.slice(1).reduce((sum, b, i) => sum + Math.hypot(b.x - at[i].x, b.y - at[i].y, b.z - at[i].z), 0);
 }
+
+/** What to do where the map knows nothing near a mark: the engine's own words are for programs. */
+const unknownMark = ({ code, message }) => (code === "bad-input" && /nothing is known in space/.test(message) ? "The map knows nothing in space near one of the marks. Mark corners or edges, in another picture if this one has none." : undefined);
 
 /** `rewrite` writes the scale into the place. */
 export function metreStick({ film, report, rewrite }) {
@@ -87,7 +91,7 @@ export function metreStick({ film, report, rewrite }) {
       said.textContent = `Lengths are in metres now. By this scale your walk was ${walk(pictures).toFixed(1)} m long; if that is far off, mark other points.`;
       set.disabled = true;
     } catch (error) {
-      said.textContent = `The scale was not set: ${error.message}. ${error.hint ?? ""}`.trim();
+      said.textContent = `The scale was not set. ${unknownMark(error) ?? `${sentence(error.message)} ${error.hint ?? ""}`.trim()}`;
     }
   };
   const choose = async (by) => {

@@ -3,6 +3,7 @@ import { bytes } from "../panels.js";
 import { save } from "../report.js";
 import { button, el, heading } from "./elements.js";
 import { canKeep, cannotKeepWords } from "./files.js";
+import { leftOutList } from "./left_out.js";
 import { metreStick } from "./metre.js";
 import { fileName, keepPlace, renamePlace } from "./places.js";
 import { upOf } from "./up.js";
@@ -130,15 +131,5 @@ function furtherTraining(mapper, place) {
   );
 }
 
-/** What did not become part of the map, and why: each reason once, with its pictures on demand. */
-function problems(missing, leftOut) {
-  const rows = [...missing.map(({ name, keyframe, reason, advice }) => [name ?? `Picture ${keyframe + 1}`, advice ?? reason?.replaceAll("-", " ") ?? "no position was found"]), ...leftOut];
-  if (rows.length === 0) return undefined;
-  const reasons = new Map();
-  for (const [name, reason] of rows) reasons.set(reason, [...(reasons.get(reason) ?? []), name]);
-  const commonestFirst = [...reasons].sort(([, a], [, b]) => b.length - a.length);
-  const items = commonestFirst.map(([reason, names]) =>
-    el("li", {}, el("details", { class: "map-reason" }, el("summary", {}, `${plural(names.length, "picture")}: ${reason}`), el("p", { class: "fine" }, names.join(", ")))),
-  );
-  return el("details", { class: "map-card", id: "map-problems" }, el("summary", {}, `${plural(rows.length, "picture")} left out, and why`), el("ul", {}, ...items));
-}
+/** What did not become part of the map, and why. */
+const problems = (missing, leftOut) => leftOutList([...missing.map(({ name, keyframe, reason, advice }) => [name ?? `Picture ${keyframe + 1}`, advice ?? reason?.replaceAll("-", " ") ?? "no position was found"]), ...leftOut]);

@@ -21,7 +21,7 @@ export function upSliders({ up, preview, rewrite, frame }) {
     }
   };
   const home = document.createComment("");
-  const words = el("p", {}, "Up is taken from how the device was held. Tilt until the grid lies on the floor.");
+  const words = el("p", {}, "Up is guessed from how the camera was held. Tilt until the grid lies on the floor.");
   const move = () => {
     if (!details.open) return home.replaceWith(frame);
     if (home.parentNode) return;

@@ -61,6 +61,7 @@ const failures = {
   "storage-full": ["No storage left", "Delete places that you no longer need, or free space on this device."],
   "engine-defect": ["The mapper stopped", "Try again: the pictures are kept."],
   "asset-fetch": ["The mapper could not be loaded", "It is loaded once, when it is used for the first time: connect to the network, then try again."],
+  "bad-input": ["This cannot be used", ""],
   "camera-denied": ["The camera is not allowed", ""],
   "camera-unavailable": ["No camera", ""],
   "camera-busy": ["The camera is busy", ""],

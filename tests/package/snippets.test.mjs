@@ -83,6 +83,19 @@ test("the first lines of the package's page locate its sample", { timeout: 240_0
   assert.ok(server.requests.some(({ path }) => path.endsWith("sample/picture.jpg")));
 });
 
+test("the page of the repository's README locates the sample", { timeout: 240_000 }, async (t) => {
+  const folder = await installed(t);
+  const page = await snippet("README.md", "<!doctype html>");
+  await writeFile(join(folder, "index.html"), page.replace("<!doctype html>", '<!doctype html><link rel="icon" href="data:,">'));
+  const server = await serve(t, { dir: folder });
+  const { page: opened, said } = await open(await browser(t), server.url);
+  await opened.waitForFunction(() => /taken at|not located/.test(document.body.textContent));
+  const at = (await opened.textContent("body")).match(/taken at ([\d., -]+)/)?.[1].split(", ").map(Number);
+  const truth = [4.3485, 2.4862, 1.7009]; // of landline/sample
+  assert.ok(at && Math.hypot(...truth.map((value, axis) => value - at[axis])) < 0.05, `${at} ${said}`);
+  assert.deepEqual(said, []);
+});
+
 test("the lines for Node locate the sample", { timeout: 240_000 }, async (t) => {
   const folder = await installed(t);
   const added = await run(npm, ["install", "--no-audit", "--no-fund", "jpeg-js@0.4.4"], folder);

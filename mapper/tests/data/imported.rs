@@ -1,5 +1,7 @@
 //! Labels from points and lines that came with the data set.
 
+use crate::folder::Folder;
+use crate::readers::read;
 use crate::room::{Room, room};
 use landline::scene_file::Units;
 use landline_mapper::dataset::{Dataset, DatasetImage, ModelLine, ModelPoint};
@@ -139,4 +141,68 @@ fn a_data_set_without_points_says_so() {
         .expect_err("no points")
         .to_string();
     assert!(message.contains("--points-from"), "{message}");
+}
+
+/// Left, top, right and bottom side of boxes that stand in no regular distance.
+fn boxes() -> Vec<[u32; 4]> {
+    (0..48)
+        .map(|i| {
+            let (column, row) = (i % 8, i / 8);
+            let left = 12 + 78 * column + (7 * column * column + 11 * row) % 23;
+            let top = 10 + 78 * row + (5 * row * row + 13 * column) % 19;
+            [left, top, left + 31 + 3 * row, top + 29 + 2 * column]
+        })
+        .collect()
+}
+
+#[test]
+fn segments_of_a_shrunk_picture_are_scaled_and_those_of_another_are_refused() {
+    let folder = Folder::new();
+    let path = folder.text("images/a.png", "");
+    image::GrayImage::from_fn(640, 480, |x, y| {
+        let inside = |[l, t, r, b]: &[u32; 4]| (*l..*r).contains(&x) && (*t..*b).contains(&y);
+        image::Luma([if boxes().iter().any(inside) { 220 } else { 40 }])
+    })
+    .save_with_format(path, image::ImageFormat::Png)
+    .expect("writable");
+    folder.text("poses.txt", "a.png 1 0 0 0 0 0 0 500\n");
+    folder.text("limap/image_list.txt", "number of images, 1\n1, a.png\n");
+    // Both upright sides and the upper one of each box, as a detector finds them in the picture at `shrink` of its size.
+    let sides: Vec<[f64; 4]> = boxes()
+        .iter()
+        .map(|side| side.map(f64::from))
+        .flat_map(|[l, t, r, b]| [[l, t, l, b], [r, t, r, b], [l, t, r, t]])
+        .collect();
+    let write = |shrink: f64| {
+        let lines: Vec<String> = sides
+            .iter()
+            .map(|side| side.map(|v| (shrink * v - 0.5).to_string()).join(" "))
+            .collect();
+        let text = format!("{}\n{}\n", lines.len(), lines.join("\n"));
+        folder.text("limap/segments/segments_1.txt", &text);
+    };
+    let limap = folder.0.join("limap");
+    let words = ["--lines", limap.to_str().expect("UTF-8")];
+    for (shrink, note) in [(1.0, None), (0.5, Some("scaled by 2.0000"))] {
+        write(shrink);
+        let dataset = read(&folder.0, &words).expect("segments");
+        let segments = &dataset.segments.as_ref().expect("came with them")[0];
+        assert_eq!(segments.len(), sides.len());
+        for (found, side) in segments.iter().zip(&sides) {
+            assert!(
+                found.iter().zip(side).all(|(a, b)| (a - b).abs() < 1e-6),
+                "{shrink}: {found:?} is not {side:?}"
+            );
+        }
+        let table = dataset.table().to_string();
+        assert!(note.is_none_or(|note| table.contains(note)), "{table}");
+        assert_eq!(table.contains("scaled by"), note.is_some(), "{table}");
+    }
+    // Of a picture three times as large, with nothing in it where these are: no size fits.
+    folder.text(
+        "limap/segments/segments_1.txt",
+        "2\n1900 100 1900 200\n1000 1300 1100 1300\n",
+    );
+    let message = read(&folder.0, &words).expect_err("outside").to_string();
+    assert!(message.contains("are they of these pictures?"), "{message}");
 }

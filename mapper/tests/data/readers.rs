@@ -221,6 +221,13 @@ fn seven_scenes_moves_poses_to_the_colour_camera() {
     assert!((moved.norm() - 0.0256).abs() < 1e-4, "{moved}");
     assert_eq!(dataset.images[0].camera.focal_px(), (525.0, 525.0));
 
+    // Poses of the colour camera already: nothing is moved.
+    let own = read(&folder.0, &["--poses-of", "color"]).expect("two usable");
+    assert!(near(
+        position(&own, "seq-01/frame-000000.color.png"),
+        [0.5, 0.0, 0.0]
+    ));
+
     // Better poses as a list replace them; the split files stay.
     folder.text(
         "pgt.txt",

@@ -167,11 +167,14 @@ function accuracy({ pictures, notLocated, medianPosition, medianRotationDeg }, m
   return medianPosition === undefined ? located : `${length(medianPosition, metric)}, ${medianRotationDeg.toFixed(2)}° in the median; ${located}`;
 }
 
+/** What finds features, by the name that its authors gave it. */
+export const extractorName = (kind) => ({ xfeat: "XFeat", "superpoint-v1": "SuperPoint" })[kind] ?? kind;
+
 export function showScene(info, name) {
   const metric = info.units === "metres";
   const rows = [
     ["Name", name],
-    ["Features", { xfeat: "XFeat", superpoint: "SuperPoint" }[info.extractor] ?? info.extractor],
+    ["Features", extractorName(info.extractor)],
     ["Size", bytes(info.bytes)],
     ["Units", metric ? "metres" : "unknown; lengths are in units of the scene"],
   ];

@@ -3,7 +3,7 @@ import { Place } from "landline/place";
 import { $ } from "../dom.js";
 import { showEmpty, takeUp } from "../loading.js";
 import { el } from "../mapping/elements.js";
-import { bytes, facts, roomName, sentence } from "../panels.js";
+import { bytes, extractorName, facts, roomName, sentence } from "../panels.js";
 import { markSource, state } from "../session.js";
 import { forgetPlace } from "../stage.js";
 import { FloorPlan } from "./plan.js";
@@ -34,7 +34,7 @@ export async function openPlace(address, near) {
         ["Name", title || name],
         ["Rooms", String(rooms.length)],
         ["Size", `${bytes(rooms.reduce((sum, { scene }) => sum + scene.bytes, 0))}, loaded room by room`],
-        ["Method", place.manifest.extractor],
+        ["Features", extractorName(place.manifest.extractor)],
       ]);
       showEmpty(title || "The place is loaded", `Now choose a picture or a video of one of its ${rooms.length} rooms, or use the camera there.`);
     },

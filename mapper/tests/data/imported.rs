@@ -158,17 +158,18 @@ fn boxes() -> Vec<[u32; 4]> {
 #[test]
 fn segments_of_a_shrunk_picture_are_scaled_and_those_of_another_are_refused() {
     let folder = Folder::new();
+    let boxes = boxes();
     let path = folder.text("images/a.png", "");
     image::GrayImage::from_fn(640, 480, |x, y| {
         let inside = |[l, t, r, b]: &[u32; 4]| (*l..*r).contains(&x) && (*t..*b).contains(&y);
-        image::Luma([if boxes().iter().any(inside) { 220 } else { 40 }])
+        image::Luma([if boxes.iter().any(inside) { 220 } else { 40 }])
     })
     .save_with_format(path, image::ImageFormat::Png)
     .expect("writable");
     folder.text("poses.txt", "a.png 1 0 0 0 0 0 0 500\n");
     folder.text("limap/image_list.txt", "number of images, 1\n1, a.png\n");
     // Both upright sides and the upper one of each box, as a detector finds them in the picture at `shrink` of its size.
-    let sides: Vec<[f64; 4]> = boxes()
+    let sides: Vec<[f64; 4]> = boxes
         .iter()
         .map(|side| side.map(f64::from))
         .flat_map(|[l, t, r, b]| [[l, t, l, b], [r, t, r, b], [l, t, r, t]])

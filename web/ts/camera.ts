@@ -50,15 +50,15 @@ const problems: Record<string, { code: "camera-denied" | "camera-unavailable" | 
   AbortError: { code: "camera-busy", message: "the camera stopped while starting", hint: "Try again." },
 };
 
+const pixels = number(1, 1e6, "pixels, at least 1");
 const options: Record<keyof CameraOptions, Check> = {
   deviceId: kind("string"),
   facing: oneOf("environment", "user"),
-  width: number(1, 1e6, "pixels, at least 1"),
-  height: number(1, 1e6, "pixels, at least 1"),
+  width: pixels,
+  height: pixels,
   signal: object,
 };
 
-/** Where cameras come from. */
 function devices(): MediaDevices {
   const media: Partial<MediaDevices> | undefined = globalThis.navigator?.mediaDevices;
   if (media?.getUserMedia) return media as MediaDevices;
@@ -104,7 +104,7 @@ export async function camera(given: CameraOptions = {}): Promise<Camera> {
   signal?.throwIfAborted();
   const size: MediaTrackConstraints = { width: { ideal: width }, height: { ideal: height } };
   const asked = streamOf(size, deviceId === undefined ? { facingMode: { ideal: facing } } : { deviceId: { exact: deviceId } });
-  // The browser's question cannot be taken back: an answer that comes too late closes what it opened.
+  // The browser's question cannot be taken back: what it opens too late is closed.
   asked.then((late) => signal?.aborted && close(late)).catch(() => undefined);
   let stream = await unless(signal, asked);
   const video = document.createElement("video");
@@ -124,21 +124,21 @@ export async function camera(given: CameraOptions = {}): Promise<Camera> {
     },
     async flip(): Promise<void> {
       const { deviceId: now, facingMode } = track()?.getSettings() ?? {};
-      const all = await cameras();
-      if (all.length < 2) throw new LandlineError("camera-unavailable", "there is no other camera");
-      const next = all[(all.findIndex((device) => device.deviceId === now) + 1) % all.length]?.deviceId ?? "";
-      const other: MediaTrackConstraints = facingMode ? { facingMode: { exact: facingMode === "user" ? "environment" : "user" } } : { deviceId: { exact: next } };
+      const ids = (await cameras()).map((device) => device.deviceId);
+      if (ids.length < 2) throw new LandlineError("camera-unavailable", "there is no other camera");
+      const next = ids[(ids.indexOf(now ?? "") + 1) % ids.length] ?? "";
       // Phones open one camera at a time.
       close(stream);
+      let failed: unknown;
       try {
-        stream = await streamOf(size, other);
+        stream = await streamOf(size, facingMode ? { facingMode: { exact: facingMode === "user" ? "environment" : "user" } } : { deviceId: { exact: next } });
       } catch (error) {
+        failed = error;
         stream = await streamOf(size, now ? { deviceId: { exact: now } } : {});
-        await play(video, stream);
-        throw error;
       }
       if (stopped) return close(stream);
       await play(video, stream);
+      if (failed) throw failed;
     },
     async torch(on: boolean): Promise<boolean> {
       const has = track()?.getCapabilities?.() as (MediaTrackCapabilities & { torch?: boolean }) | undefined;

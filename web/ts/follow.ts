@@ -1,5 +1,5 @@
 /** Follows a playing video: a result for every frame, with its picture. */
-import { checkOptions, included, kind, number, object, type Check } from "./arguments.js";
+import { anything, checkOptions, included, kind, number, object, type Check } from "./arguments.js";
 import { intrinsicsFromTrack } from "./camera.js";
 import { LandlineError } from "./errors.js";
 import { Follower, type AnswerUse, type FollowerResult, type LostFrame, type TrackedFrame } from "./follower.js";
@@ -95,13 +95,14 @@ export interface Locator extends Pick<Relocalizer, "backend" | "follower"> {
 /** Longest side of the picture that is tracked. */
 const trackedSide = 640;
 
+const positive = number(Number.MIN_VALUE, Infinity, "a number above 0");
 const known: Record<keyof FollowOptions, Check> = {
   intrinsics: object,
   include: included,
-  camera: (value) => (typeof value === "string" || typeof value === "function" ? undefined : "a name, or a function that gives one"),
-  maxFps: number(Number.MIN_VALUE, Infinity, "frames a second, above 0"),
-  maxLocalizationsPerSecond: number(Number.MIN_VALUE, Infinity, "answers a second, above 0"),
-  blendMs: number(0, Infinity, "milliseconds that are not negative"),
+  camera: anything, // locate() checks it
+  maxFps: positive,
+  maxLocalizationsPerSecond: positive,
+  blendMs: number(0, Infinity, "a number of 0 or more"),
   sensors: object,
   onResult: kind("function"),
   onAnswer: kind("function"),
@@ -304,13 +305,13 @@ class Loop extends EventTarget {
       .finally(() => (this.#inFlight -= 1));
   }
 
-  /** The given intrinsics, where they are of this shape; those of a turned phone are not, and that is told. */
+  /** The given intrinsics, where they are of this shape; else that is told. */
   #given(frame: { width: number; height: number }): Intrinsics | undefined {
     const { intrinsics } = this.#options;
     const fits = fitting(intrinsics, frame);
     if (intrinsics && !fits) {
       const { width, height } = intrinsics;
-      this.#fail(new LandlineError("bad-input", `the intrinsics are for ${width} x ${height}, the video is ${frame.width} x ${frame.height}: the shapes differ, so they are left out`, "Pass those of the video as it is now; a turned phone swaps width and height."));
+      this.#fail(new LandlineError("bad-input", `the intrinsics are for ${width} x ${height}, the video is ${frame.width} x ${frame.height}: the shapes differ, so they are left out`, "A turned phone swaps width and height."));
     }
     return fits;
   }
@@ -336,14 +337,13 @@ class Loop extends EventTarget {
     const words = String((error as Error)?.message ?? error);
     if (code === "disposed" || words === this.#told) return;
     this.#told = words;
-    // What nobody listens for belongs in the console.
     if (!this.#options.onError && !this.#isHeard) reportError(error);
     call(this.#options.onError, error);
     this.dispatchEvent(new CustomEvent("error", { detail: error }));
   }
 }
 
-/** A page's own function; what it throws is the page's, and goes where the page looks for it. */
+/** What a page's own function throws goes to the console. */
 function call<T>(listener: ((value: T) => void) | undefined, value: T): void {
   try {
     listener?.(value);

@@ -119,7 +119,7 @@ export class DirectChannel<C extends CallTable<C>> implements Channel<C> {
   }
 }
 
-/** What is computed for nobody any more: an answer, until the signal says that it is not wanted. */
+/** An answer, until the signal says that nobody wants it. */
 export function unless<T>(signal: AbortSignal | undefined, answer: Promise<T>): Promise<T> {
   if (!signal) return answer;
   return new Promise((done, fail) => {
@@ -130,14 +130,11 @@ export function unless<T>(signal: AbortSignal | undefined, answer: Promise<T>): 
   });
 }
 
-/**
- * Hands things over in the order in which they were asked for, however long each takes to get ready: a large picture's
- * decoding is overtaken by a small one's.
- */
+/** Keeps the order of calls whose preparation takes more or less time, as decoding does. */
 export class InOrder {
   #before: Promise<unknown> = Promise.resolve();
 
-  /** Waits for `ready` and for everything from before to be handed over, then calls `hand`; answers with what that answers. */
+  /** Calls `hand` when `ready` is, and all from before are handed over. */
   async next<R, A>(ready: Promise<R>, hand: (ready: R) => Promise<A>): Promise<A> {
     // In an object, or what follows would wait for the answer too.
     const handed = this.#before.then(() => ready).then((value) => ({ answer: hand(value) }));

@@ -55,8 +55,6 @@ pub struct TrackerOptions {
     pub min_inliers: usize,
     /// Nor is a smaller share of what was found.
     pub min_inlier_share: f32,
-    /// Standard deviation of the depths of a localisation's points, relative to the depth.
-    pub depth_sigma: f64,
     /// Vector instructions of the patches. [`Level::Portable`] gives the same bits on every machine and in the browser.
     pub kernels: Level,
 }
@@ -72,7 +70,6 @@ impl Default for TrackerOptions {
             max_way_back_px: 0.7,
             min_inliers: 12,
             min_inlier_share: 0.4,
-            depth_sigma: 0.015,
             kernels: Level::best(),
         }
     }
@@ -83,6 +80,12 @@ const POINT_SIGMA_PX: f32 = 0.3;
 const LINE_SIGMA_PX: f32 = 0.4;
 /// Found things further than this from the pose do not agree with it, in pixels.
 const MAX_ERROR_PX: f64 = 3.0;
+/// One of so many points that were looked for has to be found and to agree: chance finds one of fourteen in another picture.
+/// Edges do not count for them: in a blurred or dark picture many of one direction slip to their neighbours together.
+const POINT_SHARE: usize = 8;
+/// A pose whose turn is known worse than this hangs on a few things in a corner of the picture: a degree moves what is drawn by
+/// nine pixels of 640.
+const MAX_TURN_RAD: f64 = 0.0175;
 /// A template is made anew when the picture around its point is distorted by this much more: a quarter of a pixel at the patch's
 /// corner.
 const MAX_WARP: f32 = 0.03;
@@ -345,10 +348,8 @@ impl Tracker {
         if self.reference_size != self.size {
             return Err(TrackLoss::Resized);
         }
-        let baseline = (expected.center_in_world() - start.center_in_world()).norm();
-        let sigma_m = (self.options.depth_sigma * baseline) as f32;
-        let num_points = self.find_points(frame, &camera, expected, sigma_m)?;
-        let num_lines = self.find_lines(frame, &camera, expected, sigma_m)?;
+        let num_points = self.find_points(frame, &camera, expected)?;
+        let num_lines = self.find_lines(frame, &camera, expected)?;
         let looked_for = num_points + num_lines;
         let most_points = self.reference.num_points().min(self.options.max_points);
         if looked_for < self.options.min_inliers
@@ -357,7 +358,7 @@ impl Tracker {
             return Err(TrackLoss::OutOfView);
         }
         let found = self.points.len() + self.lines.len();
-        if found < self.options.min_inliers {
+        if found < self.options.min_inliers || self.points.len() * POINT_SHARE < num_points {
             return Err(TrackLoss::FewFound);
         }
         let solved = pose::refine(
@@ -377,13 +378,18 @@ impl Tracker {
         let agreeing = points + lines;
         if agreeing < self.options.min_inliers
             || (agreeing as f32) < self.options.min_inlier_share * found as f32
+            || points * POINT_SHARE < num_points
         {
             return Err(TrackLoss::Disagreement);
         }
         let carried = carry(&self.reference.covariance, &start, &estimate.cam_from_world);
+        let covariance = carried + estimate.covariance;
+        if !(covariance.fixed_view::<3, 3>(0, 0).trace() < MAX_TURN_RAD * MAX_TURN_RAD) {
+            return Err(TrackLoss::OutOfView);
+        }
         Ok(Tracked {
             cam_from_world: estimate.cam_from_world,
-            covariance: carried + estimate.covariance,
+            covariance,
             num_points: [num_points, self.points.len(), points],
             num_lines: [num_lines, self.lines.len(), lines],
             median_error_px: self.median_error_px(),
@@ -396,7 +402,6 @@ impl Tracker {
         frame: u64,
         camera: &Camera,
         expected: &CamFromWorld,
-        sigma_m: f32,
     ) -> Result<usize, TrackLoss> {
         let picture = self.ring.get(frame).ok_or(TrackLoss::NoFrame)?;
         let vectors = self.options.kernels;
@@ -432,7 +437,8 @@ impl Tracker {
                 pixel: pixel_at(found.position),
                 point_in_world: point.in_world,
                 confidence: 0.9,
-                sigma_m,
+                // Depths are off by more than pixels once the camera has moved; by how much, the pose tells from what is left.
+                sigma_m: 0.0,
                 sigma_px: POINT_SIGMA_PX,
             });
         }
@@ -445,7 +451,6 @@ impl Tracker {
         frame: u64,
         camera: &Camera,
         expected: &CamFromWorld,
-        sigma_m: f32,
     ) -> Result<usize, TrackLoss> {
         let picture = self.ring.get(frame).ok_or(TrackLoss::NoFrame)?;
         let image = picture.level(0).view();
@@ -471,7 +476,7 @@ impl Tracker {
                     start_in_world: line.ends_in_world[0],
                     end_in_world: line.ends_in_world[1],
                     confidence: 0.9,
-                    sigma_m,
+                    sigma_m: 0.0,
                     sigma_px: LINE_SIGMA_PX,
                 });
             }

@@ -361,6 +361,77 @@ fn losses_have_their_reasons() {
     assert_eq!(refer(&mut tracker, number, 300), Err(TrackLoss::Resized));
 }
 
+/// Bars in front of a texture that is a wall four metres away.
+fn barred(texture: &Texture) -> Vec<u8> {
+    let mut data = picture(texture, [0.4, 90.0], |x, y| [x, y]);
+    for (i, v) in data.iter_mut().enumerate() {
+        if (i % WIDTH) % 40 < 4 || (i / WIDTH) % 40 < 4 {
+            *v = 20;
+        }
+    }
+    data
+}
+
+#[test]
+fn edges_alone_do_not_prove_a_pose() {
+    let camera = Camera::centered(WIDTH as u32, HEIGHT as u32, 320.0);
+    let on_wall = |p: Pixel| {
+        let bearing = camera.bearing_from_pixel(p).expect("a pinhole");
+        bearing * (4.0 / bearing.z)
+    };
+    let points = (0..6 * 5).map(|i| {
+        let pixel = Pixel::new(
+            62.5 + 40.0 * f64::from(i % 6),
+            22.5 + 40.0 * f64::from(i / 6),
+        );
+        PointCorrespondence {
+            pixel,
+            point_in_world: on_wall(pixel),
+            confidence: 0.8,
+            sigma_m: 0.0,
+            sigma_px: 0.0,
+        }
+    });
+    // The left edges of upright bars and the lower ones of the others, between two bars.
+    let lines = (0..2 * 6 * 4).map(|i| {
+        let (x, y) = (
+            40.0 * f64::from(1 + i / 2 % 6),
+            40.0 * f64::from(1 + i / 12),
+        );
+        let [start, end] = if i % 2 == 0 {
+            [Pixel::new(x, y + 8.0), Pixel::new(x, y + 36.0)]
+        } else {
+            [Pixel::new(x + 8.0, y + 4.0), Pixel::new(x + 36.0, y + 4.0)]
+        };
+        LineCorrespondence {
+            start,
+            end,
+            start_in_world: on_wall(start),
+            end_in_world: on_wall(end),
+            confidence: 0.8,
+            sigma_m: 0.0,
+            sigma_px: 0.0,
+        }
+    });
+    let (own, other) = (barred(&Texture::new(1)), barred(&Texture::new(2)));
+    let mut tracker = portable();
+    let number = tracker.push(&frame(&own)).expect("frame");
+    let pose = CamFromWorld::identity();
+    let covariance = Matrix6::identity().scale(1e-6);
+    tracker
+        .refer(number, &camera, &pose, &covariance, points, lines)
+        .expect("enough points");
+    let number = tracker.push(&frame(&own)).expect("frame");
+    let tracked = tracker.track(number, &pose).expect("the same picture");
+    assert!(tracked.num_lines[2] >= 20 && tracked.num_points[2] >= 20);
+    // The same bars in front of another wall: all edges are there, and hardly a point.
+    let number = tracker.push(&frame(&other)).expect("frame");
+    assert_eq!(
+        tracker.track(number, &pose).err(),
+        Some(TrackLoss::FewFound)
+    );
+}
+
 #[test]
 fn the_covariance_of_a_joined_camera_follows_it() {
     // Against the definition: perturb the first camera, see how the second moves.

@@ -4,7 +4,7 @@
 //!   [`FollowReport`] for each frame.
 //! * **Method**: an answer makes its frame the reference of a [`Tracker`], which is followed to the newest frame from there, the
 //!   first time by the turn that small pictures of the frames tell;
-//!   answers are averaged along the tracked movement, because each is off by more than the tracker drifts between them; a
+//!   answers are averaged along the tracked movement, because each is off by as much as the tracker drifts between them; a
 //!   correction fades in, unless it is large: then the next answer has to confirm it, and it is made at once.
 //! * **Invariants**: no frame is an error but one that makes no sense in itself; what is wrong is a state with a reason. Any
 //!   times are taken.
@@ -35,8 +35,9 @@ pub struct FollowOptions {
     /// An answer that is further than this from the tracked pose, for the eye, has to be confirmed: share of the longer side of
     /// the picture.
     pub max_correction: f64,
-    /// Weight of an answer against the average of those before is one over their number, and no less than this.
-    pub min_gain: f64,
+    /// Weight of an answer against the tracked pose, which comes from the answers before: the mean of both by default, because
+    /// from one answer to the next the tracker gets about as far off as an answer is.
+    pub gain: f64,
     /// Without an answer for longer than this the pose is called limited: it may have drifted.
     pub max_unconfirmed_ms: f64,
     /// The same picture again and again for longer than this is a camera that hangs.
@@ -49,15 +50,18 @@ impl Default for FollowOptions {
             tracker: TrackerOptions::default(),
             blend_ms: 150.0,
             max_correction: 0.03,
-            min_gain: 0.25,
+            gain: 0.5,
             max_unconfirmed_ms: 2000.0,
             max_frozen_ms: 500.0,
         }
     }
 }
 
-/// Frames after a loss that are still looked at, in case something only passed by.
-const MAX_RETRIES: u32 = 15;
+/// Frames after a loss that are still looked at, in case something only passed by: a second and a half of a usual camera, and
+/// within the reach of the small pictures that tell how it turned meanwhile.
+const MAX_RETRIES: u32 = 45;
+/// After so many of them something did more than pass by.
+const LONG_LOSS: u32 = 7;
 /// Poses of past frames that are kept, for answers to be compared with.
 const HISTORY: usize = 64;
 /// Steps from an answer's frame to the newest one, where nothing is known of the movement between.
@@ -90,7 +94,6 @@ pub struct Follower {
     posed: Option<u64>,
     /// Of the frame that was localised last.
     localized: Option<(u64, f64)>,
-    num_averaged: u32,
     /// An answer far from the tracked pose, as a change of it.
     doubted: Option<Change>,
     correction: Option<Correction>,
@@ -123,7 +126,6 @@ impl Follower {
             newest: None,
             posed: None,
             localized: None,
-            num_averaged: 0,
             doubted: None,
             correction: None,
             is_tracking: false,
@@ -157,7 +159,6 @@ impl Follower {
         self.history.clear();
         self.next_past = 0;
         self.localized = None;
-        self.num_averaged = 0;
         self.doubted = None;
         self.is_tracking = false;
         self.num_misses = 0;
@@ -364,7 +365,7 @@ impl Follower {
             return FollowState::Searching;
         }
         FollowState::Limited(match self.last_loss {
-            Some(_) if self.num_misses > MAX_RETRIES / 2 => FollowLimit::Relocalizing,
+            Some(_) if self.num_misses > LONG_LOSS => FollowLimit::Relocalizing,
             Some(TrackLoss::OutOfView) => FollowLimit::OutOfView,
             Some(TrackLoss::FewFound | TrackLoss::Disagreement) if self.was_fast => {
                 FollowLimit::ExcessiveMotion
@@ -412,13 +413,7 @@ impl Follower {
             return AnswerUse::Unconfirmed;
         }
         self.doubted = None;
-        let gain = if is_confirmed {
-            self.num_averaged = 1;
-            1.0
-        } else {
-            self.num_averaged = self.num_averaged.saturating_add(1);
-            (1.0 / f64::from(self.num_averaged)).max(self.options.min_gain)
-        };
+        let gain = if is_confirmed { 1.0 } else { self.options.gain };
         let fused = change.applied(&past, gain);
         let shown = self
             .motion
@@ -487,7 +482,6 @@ impl Follower {
         if let Err(why) = self.refer(answer, &answer.cam_from_world, points, lines) {
             return AnswerUse::Unusable(why);
         }
-        self.num_averaged = 1;
         self.motion
             .add(&answer.cam_from_world, self.time_of(answer.frame));
         self.posed = Some(answer.frame);

@@ -223,7 +223,7 @@ fn losses_are_states_and_end() {
     last = player.step();
     assert_eq!(last.state, FollowState::Tracking);
     // A hand that stays.
-    for i in 0..40 {
+    for i in 0..60 {
         let mut other = dark.clone();
         other[i * 7] = 200;
         last = player.show(&other);

@@ -5,7 +5,7 @@ use super::{Located, Video, hand_over};
 use anyhow::{Context, Result};
 use landline::image::{FrameView, PixelFormat};
 use landline::math::Rng;
-use landline::session::{FollowOptions, FollowState, Follower};
+use landline::session::{FollowOptions, FollowPose, FollowReport, FollowState, Follower};
 
 /// What a soak gives.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -18,8 +18,8 @@ pub(crate) struct Soak {
     pub(crate) num_faults: usize,
     /// Most answers that were needed after a fault until there was a pose again.
     pub(crate) most_answers: usize,
-    /// Poses further than a tenth of a unit or five degrees from the truth.
-    pub(crate) num_wrong: usize,
+    /// Poses further than a tenth of a unit or five degrees from the truth: of usable frames, and of the others.
+    pub(crate) wrong: (usize, usize),
     /// Bytes of kept pictures after a tenth of the frames, and at the end.
     pub(crate) bytes: [usize; 2],
     /// Whether every state came and went.
@@ -36,6 +36,7 @@ enum Fault {
     Hang,
     Backwards,
     Half,
+    Cut,
 }
 
 const FAULTS: [Fault; 6] = [
@@ -71,6 +72,8 @@ pub(crate) fn soak(
     let mut under_way: Option<(usize, u64, usize)> = None;
     let (mut answers, mut is_waiting) = (0, false);
     let mut bytes = Vec::new();
+    // The last thing that went wrong, and the last frame that had it.
+    let mut last_fault = (Fault::None, 0);
     for i in 0..num_frames {
         if left > 0 {
             left -= 1;
@@ -84,7 +87,11 @@ pub(crate) fn soak(
             // A cut.
             at = rng.below(video.pictures.len() as u32) as usize;
             out.num_faults += 1;
+            last_fault = (Fault::Cut, i);
             (is_waiting, answers) = (true, 0);
+        }
+        if fault != Fault::None {
+            last_fault = (fault, i);
         }
         if let Some((shown, frame, due)) = under_way
             && i >= due
@@ -123,7 +130,8 @@ pub(crate) fn soak(
             follower.hold(report.frame);
             under_way = Some((at, report.frame, i + 4));
         }
-        if matches!(fault, Fault::None | Fault::Backwards) {
+        let is_usable = matches!(fault, Fault::None | Fault::Backwards);
+        if is_usable {
             out.usable.0 += 1;
             out.usable.1 += usize::from(report.pose.is_some());
         }
@@ -134,8 +142,15 @@ pub(crate) fn soak(
             }
             if let Some(truth) = &picture.cam_from_world {
                 let (distance, angle) = pose.cam_from_world.error_to(truth);
-                let is_wrong = distance > 0.1 || angle.to_degrees() > 5.0;
-                out.num_wrong += usize::from(is_wrong && fault == Fault::None);
+                if distance > 0.1 || angle.to_degrees() > 5.0 {
+                    let count = if is_usable {
+                        &mut out.wrong.0
+                    } else {
+                        &mut out.wrong.1
+                    };
+                    *count += 1;
+                    print_wrong(i, last_fault, pose, &report, (distance, angle));
+                }
             }
         }
         if i + 1 == num_frames / 10 {
@@ -147,11 +162,34 @@ pub(crate) fn soak(
     Ok(out)
 }
 
+/// What the follower believed of a pose that is far off.
+fn print_wrong(
+    i: usize,
+    (fault, at): (Fault, usize),
+    pose: &FollowPose,
+    report: &FollowReport,
+    (distance, angle): (f64, f64),
+) {
+    let sigma = |first: usize| pose.covariance.diagonal().rows(first, 3).sum().sqrt();
+    println!(
+        "wrong: frame {i}, {fault:?} {} frames ago, {:.1} hundredths and {:.2} deg off, believed to {:.1} and {:.2}; {:?}, points {:?}, lines {:?}, {} frames after the answer's",
+        i - at,
+        100.0 * distance,
+        angle.to_degrees(),
+        100.0 * sigma(3),
+        sigma(0).to_degrees(),
+        report.state,
+        pose.num_points,
+        pose.num_lines,
+        pose.age_frames,
+    );
+}
+
 /// A frame with its fault, in a buffer that holds the picture.
 fn disturbed<'a>(view: &FrameView<'_>, fault: Fault, bytes: &'a mut Vec<u8>) -> FrameView<'a> {
     let (mut width, mut height, mut stride) = (view.width, view.height, view.stride);
     match fault {
-        Fault::None | Fault::Hang | Fault::Backwards => {}
+        Fault::None | Fault::Hang | Fault::Backwards | Fault::Cut => {}
         Fault::Hand => bytes.fill(93),
         Fault::Dark => bytes.iter_mut().for_each(|v| *v /= 40),
         Fault::Blur => {

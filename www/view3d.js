@@ -9,13 +9,6 @@ import { colors } from "./overlay.js";
 /** Positions kept in the path. */
 const maxPath = 2000;
 
-/** False where the processor would have to draw: there fewer pixels keep the page quick. */
-function drawsOnACard() {
-  const context = document.createElement("canvas").getContext("webgl2", { failIfMajorPerformanceCaveat: true });
-  context?.getExtension("WEBGL_lose_context")?.loseContext();
-  return context !== null;
-}
-
 export class MapView {
   #frame;
   #renderer;
@@ -48,9 +41,8 @@ export class MapView {
   /** Throws where WebGL is missing. `up` is the scene's up direction. */
   constructor(frame, up) {
     this.#frame = frame;
-    const hasCard = drawsOnACard();
-    this.#renderer = new THREE.WebGLRenderer({ antialias: hasCard, alpha: true, powerPreference: "low-power" });
-    this.#renderer.setPixelRatio(Math.min(hasCard ? 2 : 1, devicePixelRatio));
+    this.#renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true, powerPreference: "low-power" });
+    this.#renderer.setPixelRatio(Math.min(2, devicePixelRatio));
     const { domElement } = this.#renderer;
     domElement.tabIndex = 0;
     domElement.setAttribute("role", "img");

@@ -165,24 +165,43 @@ export declare function packagedWasmUrl(build?: Build): URL;
 // ---- camera.d.ts
 
 import type { Intrinsics } from "./types.js";
+/** Which way a camera looks: away from the user, or at the user. */
+export type Facing = "environment" | "user";
 export interface CameraOptions {
-    /** Ask for this device. Otherwise the one that looks away from the user. */
+    /** Ask for this device, one of `cameras()`. */
     deviceId?: string;
+    /** Otherwise the one that looks this way, `environment` by default. */
+    facing?: Facing;
     /** What to ask for; the camera may give something else. */
     width?: number;
     height?: number;
+    /** Gives up waiting for the user's answer; a camera that is opened all the same is closed at once. */
+    signal?: AbortSignal;
+}
+/** A camera that could be opened. */
+export interface CameraDevice {
+    deviceId: string;
+    /** Its name; browsers tell it only while or after a camera was allowed, and "Camera 1" stands for it until then. */
+    label: string;
 }
 export interface Camera {
+    /** Another one after `flip()`. */
     readonly stream: MediaStream;
-    /** Playing; not part of the page unless you add it. */
+    /** Playing; not part of the page unless you add it. The same after `flip()`. */
     readonly video: HTMLVideoElement;
     /** Changes when the lens or the size changes: key for what is remembered about the focal length. */
     key(): string;
+    /** Goes over to the camera on the other side, or to the next one where sides are not known. The old one stays where that fails. */
+    flip(): Promise<void>;
+    /** Switches the light; false where there is none. */
+    torch(on: boolean): Promise<boolean>;
     /** Stops the camera. */
     stop(): void;
 }
+/** The cameras of this device. */
+export declare function cameras(): Promise<CameraDevice[]>;
 /** Opens a camera. Call it from a click or a tap: browsers ask the user. */
-export declare function camera(options?: CameraOptions): Promise<Camera>;
+export declare function camera(given?: CameraOptions): Promise<Camera>;
 /** Intrinsics from the track's settings, in the form of the W3C proposal; no browser fills them in yet. */
 export declare function intrinsicsFromTrack(track: MediaStreamTrack | undefined): Intrinsics | undefined;
 
@@ -309,7 +328,7 @@ export interface FollowEvents {
     corrected: CustomEvent<FollowResult>;
     /** Every answer of the relocalizer. */
     answer: CustomEvent<FollowedAnswer>;
-    /** What went wrong; the same message once, not with every frame. */
+    /** What went wrong; the same message once, not with every frame. Where nobody listens it goes to the console. */
     error: CustomEvent<unknown>;
 }
 export interface FollowOptions {
@@ -468,10 +487,10 @@ export {};
 // ---- index.d.ts
 
 /** landline: finds the camera of a picture in a taught place, on the device. */
-export { Relocalizer, packagedExtractorUrl, type StateEvent } from "./relocalizer.js";
+export { Relocalizer, packagedExtractorUrl, type RelocalizerEvents, type StateEvent } from "./relocalizer.js";
 export { packagedWasmUrl } from "./builds.js";
 export { LandlineError, type LandlineErrorCode } from "./errors.js";
-export { camera, intrinsicsFromTrack, type Camera, type CameraOptions } from "./camera.js";
+export { camera, cameras, intrinsicsFromTrack, type Camera, type CameraDevice, type CameraOptions, type Facing } from "./camera.js";
 export { follow, type FollowedAnswer, type FollowedFrame, type FollowEvents, type FollowOptions, type FollowResult, type Following, type Locator } from "./follow.js";
 export { Follower, type AnswerUse, type Correction, type FollowLimit, type FollowState, type FollowerOptions, type FollowerResult, type LostFrame, type RgbaFrame, type TrackLoss, type TrackedFrame, type Turn } from "./follower.js";
 export { motionSensors, type MotionSensors } from "./sensors.js";
@@ -797,7 +816,7 @@ export declare class Place extends EventTarget {
     get idle(): boolean;
     /**
      * Finds the camera of one frame, in whatever room; scenes that are needed for that are loaded first. Frames are answered in
-     * the order of the calls.
+     * the order of the calls; an aborted one rejects at once.
      */
     locate(source: FrameSource, options?: PlaceLocateOptions): Promise<PlaceResult>;
     /** Loads a room's scene before it is needed, by its id; false when it cannot be had, which `refused` tells. */
@@ -994,6 +1013,20 @@ import type { Backend, Build, CreateOptions, FrameSource, LiveOptions, LocateOpt
 export declare function packagedExtractorUrl(): URL;
 /** What `searching`, `tracking` and `limited` listeners get; `detail` is the result that led there. */
 export type StateEvent = CustomEvent<LocateResult>;
+/** Events of a relocalizer: every result, and the changes of the state over several frames. */
+export interface RelocalizerEvents {
+    result: StateEvent;
+    searching: StateEvent;
+    tracking: StateEvent;
+    limited: StateEvent;
+}
+/** Types of the events; the methods are those of `EventTarget`. */
+export interface Relocalizer {
+    addEventListener<K extends keyof RelocalizerEvents>(type: K, listener: (event: RelocalizerEvents[K]) => void, options?: boolean | AddEventListenerOptions): void;
+    addEventListener(type: string, listener: EventListenerOrEventListenerObject | null, options?: boolean | AddEventListenerOptions): void;
+    removeEventListener<K extends keyof RelocalizerEvents>(type: K, listener: (event: RelocalizerEvents[K]) => void, options?: boolean | EventListenerOptions): void;
+    removeEventListener(type: string, listener: EventListenerOrEventListenerObject | null, options?: boolean | EventListenerOptions): void;
+}
 /**
  * Finds the camera in one taught place.
  *
@@ -1018,7 +1051,7 @@ export declare class Relocalizer extends EventTarget {
     get state(): LocateResult["state"];
     /** True while no frame is under way: the moment to hand in the newest one. */
     get idle(): boolean;
-    /** Finds the camera of one frame. Frames are answered in the order of the calls. */
+    /** Finds the camera of one frame. Frames are answered in the order of the calls; an aborted one rejects at once. */
     locate(source: FrameSource, options?: LocateOptions): Promise<LocateResult>;
     /** Follows one camera on the caller's thread, with the engine that was loaded already. */
     follower(options?: FollowerOptions): Promise<Follower>;
@@ -1083,6 +1116,14 @@ export declare class DirectChannel<C extends CallTable<C>> implements Channel<C>
     constructor(perform: Perform<C>, dispose: () => unknown, disposed: () => LandlineError, urgent?: readonly string[]);
     call<N extends keyof C & string>(name: N, request: C[N]["request"]): Promise<C[N]["reply"]>;
     close(): void;
+}
+/** An answer, until the signal says that nobody wants it. */
+export declare function unless<T>(signal: AbortSignal | undefined, answer: Promise<T>): Promise<T>;
+/** Keeps the order of calls whose preparation takes more or less time, as decoding does. */
+export declare class InOrder {
+    #private;
+    /** Calls `hand` when `ready` is, and all from before are handed over. */
+    next<R, A>(ready: Promise<R>, hand: (ready: R) => Promise<A>): Promise<A>;
 }
 export {};
 
@@ -1506,6 +1547,12 @@ export interface Support {
     secureContext: boolean;
     /** One sentence for everything that is missing. */
     reasons: string[];
+}
+declare global {
+    /** As in `esnext.disposable`, for projects whose `lib` has it not yet. */
+    interface SymbolConstructor {
+        readonly asyncDispose: unique symbol;
+    }
 }
 
 // ---- view.d.ts

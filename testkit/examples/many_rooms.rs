@@ -16,7 +16,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut args = std::env::args().skip(1);
     let dir = PathBuf::from(args.next().ok_or("give a folder to write to")?);
     let mut number = |usual: usize| args.next().map_or(Ok(usual), |text| text.parse());
-    let (rooms, teach, ask, rays) = (number(50)?, number(120)?, number(20)?, number(2)?);
+    let (rooms, teach, ask, rays) = (number(50)?, number(72)?, number(20)?, number(2)?);
     let width = number(640)?.clamp(64, 1920) as u32;
     let height = 3 * width / 4;
     for at in 0..rooms as u64 {
@@ -34,7 +34,9 @@ fn main() -> Result<(), Box<dyn Error>> {
                 at
             };
         let room = Room::varied(seed);
-        let views = training_views(&room, 1000 + at, teach, width, height);
+        // The first of its three rounds, outwards from the middle: neighbours then share most of what they show.
+        let mut views = training_views(&room, 1000 + at, 3 * teach, width, height);
+        views.truncate(teach);
         write(&taught, "walk", &room, &views, at, rays as u32)?;
         let views = query_views(&room, 2000 + at, ask, width, height);
         write(&asked, "asked", &room, &views, 500 + at, rays as u32)?;

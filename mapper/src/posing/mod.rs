@@ -11,7 +11,7 @@ use crate::progress::{Progress, StageBars};
 use crate::unposed::{self, Found, UnposedError};
 use landline::geometry::Camera;
 use landline::reconstruction::motion::{
-    CameraGroup, LeftOut, Motion, MotionError, MotionParams, Picture, match_pictures,
+    CameraGroup, Component, LeftOut, Motion, MotionError, MotionParams, Picture, match_pictures,
     reconstruct_motion,
 };
 use pollster::block_on;
@@ -72,6 +72,9 @@ pub struct Posed {
 
 /// Widths of the picture that a focal length may have.
 const FOCALS: std::ops::RangeInclusive<f64> = 0.1..=20.0;
+
+/// Pieces whose focal lengths differ by this factor were taken with another zoom, likely.
+const OTHER_ZOOM: f64 = 1.12;
 
 /// Whether a path is a video, by its ending.
 pub fn is_video(path: &Path) -> bool {
@@ -253,6 +256,26 @@ fn describe(motion: &Motion, names: &[&str], out: &mut String) {
                     rest.len() + 1
                 ),
             );
+            // The camera of a piece's first picture, and its focal length.
+            let focal = |c: &Component| {
+                let first = c.cam_from_world.iter().position(Option::is_some)?;
+                let group = motion.camera_of[first];
+                Some((group, c.cameras[group].focal_px().0))
+            };
+            let zoom = focal(largest).and_then(|(group, px)| {
+                let of_group = rest.iter().filter_map(focal).filter(|(g, _)| *g == group);
+                let differs = |other: &f64| !(1.0 / OTHER_ZOOM..OTHER_ZOOM).contains(&(other / px));
+                let other = of_group.map(|(_, other)| other).find(differs)?;
+                Some((px, other))
+            });
+            if let Some((px, other)) = zoom {
+                line(
+                    out,
+                    format_args!(
+                        "Their focal lengths differ ({px:.0} and {other:.0} px): film without zoom, with one lens."
+                    ),
+                );
+            }
         }
     }
     for reason in [

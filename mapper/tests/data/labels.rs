@@ -315,7 +315,7 @@ fn labels_of_a_film_come_through_the_file() {
         // Reading makes rotations orthonormal once more.
         let numbers = pose.to_row_major().into_iter().zip(was.to_row_major());
         assert!(numbers.fold(0.0, |off: f64, (a, b)| off.max((a - b).abs())) < 1e-12);
-        assert_eq!(own.camera, map.camera);
+        assert_eq!(own.camera, map.main_camera());
         assert_eq!(own.features.descriptors_nd, view.features.descriptors_nd);
         assert_eq!(own.features.segments, view.features.segments);
     }

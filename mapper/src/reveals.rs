@@ -62,7 +62,7 @@ pub fn revealed(scene: &SceneFile) -> Revealed {
         code_bits: scene
             .landmarks
             .as_ref()
-            .map_or(0, |_: &LandmarkTable| 8 * size_of::<u64>()),
+            .map_or(0, |_: &LandmarkTable| u64::BITS as usize),
         map,
     }
 }

@@ -27,10 +27,8 @@ impl Similarity {
             return None;
         }
         let num = pairs.len() as f64;
-        let sum = |f: fn(&(Vector3<f64>, Vector3<f64>)) -> Vector3<f64>| {
-            pairs.iter().map(f).sum::<Vector3<f64>>() / num
-        };
-        let (middle_a, middle_b) = (sum(|p| p.0), sum(|p| p.1));
+        let middle_a = pairs.iter().map(|p| p.0).sum::<Vector3<f64>>() / num;
+        let middle_b = pairs.iter().map(|p| p.1).sum::<Vector3<f64>>() / num;
         let mut m = Matrix3::zeros();
         let (mut size_b, mut spread) = (0.0, Matrix3::zeros());
         for (a, b) in pairs {

@@ -75,6 +75,10 @@ pub(super) struct Reference {
 
 impl Reference {
     /// Takes what a localisation found in a frame. Pixels are those of the working picture.
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "one answer, whose parts its caller has apart"
+    )]
     pub(super) fn fill(
         &mut self,
         pyramid: &Pyramid,

@@ -1,13 +1,10 @@
 //! What must hold for the line segment detector on any picture: placement on synthetic edges, symmetries, false alarms.
 
 use landline::geometry::{Pixel, Segment2};
-use landline::image::{GrayView, ImageError, MAX_PIXELS, MAX_SIDE};
-use landline::lsd::{
-    LsdError, LsdParams, LsdScratch, LsdVersion, RealView, detect, detect_real, post,
-};
+use landline::image::GrayView;
+use landline::lsd::{LsdParams, LsdScratch, RealView, detect, detect_real};
 use landline::math::Rng;
 use landline_testkit::shared_data;
-use proptest::prelude::*;
 
 pub(crate) fn segments(data: &[u8], width: usize, params: &LsdParams) -> Vec<Segment2> {
     let view = GrayView::tight(data, width, data.len() / width);

@@ -158,9 +158,9 @@ fn without_nan(json: &str) -> String {
     while let Some(at) = rest.find(['"', 'N', 'I', '-']) {
         let (before, from) = rest.split_at(at);
         out.push_str(before);
-        rest = if from.starts_with('"') {
+        rest = if let Some(inside) = from.strip_prefix('"') {
             let mut is_escaped = false;
-            let end = from[1..]
+            let end = inside
                 .find(|c| {
                     let is_end = c == '"' && !is_escaped;
                     is_escaped = c == '\\' && !is_escaped;

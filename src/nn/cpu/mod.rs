@@ -80,6 +80,9 @@ pub struct CpuExecutor {
     scratch: Vec<f32>,
 }
 
+/// Weight, bias, groups, whether it is for Winograd's tiles, and the matrices that it became.
+type PackedWeight = (WeightId, Option<WeightId>, usize, bool, Range<usize>);
+
 impl CpuExecutor {
     /// An executor for the best instruction set of this machine. Takes the weights out of `weights` one by one and frees
     /// them when packed.
@@ -97,7 +100,7 @@ impl CpuExecutor {
     pub fn with_level(graph: Graph, mut weights: Weights, level: Level) -> Result<Self, NnError> {
         let mut matrices = Vec::new();
         // Operations that share a weight share its packed form.
-        let mut packed: Vec<(WeightId, Option<WeightId>, usize, bool, Range<usize>)> = Vec::new();
+        let mut packed: Vec<PackedWeight> = Vec::new();
         let mut taken: Vec<Option<Vec<f32>>> = vec![None; graph.weights().len()];
         let last_use = last_weight_uses(&graph);
         let mut prepared = Vec::with_capacity(graph.nodes().len());

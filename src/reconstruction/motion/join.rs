@@ -159,11 +159,7 @@ fn crossings(
             rotation: movement.rotation,
             translation: movement.translation,
         };
-        let all = raw
-            .matches
-            .iter()
-            .map(|m| in_order(m))
-            .map(|(k, l)| both(k, l));
+        let all = raw.matches.iter().map(in_order).map(|(k, l)| both(k, l));
         found.push(Crossing {
             pair: p,
             first: i,

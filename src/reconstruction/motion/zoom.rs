@@ -5,9 +5,9 @@
 
 use super::grow::{Attempt, Ground, ZOOM_SIGMAS};
 use super::{CameraGroup, Picture};
-use crate::geometry::{CamFromWorld, vector_from_rotation};
+use crate::geometry::{CamFromWorld, Similarity, vector_from_rotation};
 use crate::math::elementary::ln;
-use crate::math::stats::median_in_place;
+use nalgebra::Vector3;
 
 /// A piece of fewer pictures does not know its focal length well enough.
 const MIN_PICTURES: usize = 8;
@@ -75,51 +75,37 @@ pub(super) fn told_apart<'a>(
     })
 }
 
-/// Turns between two pictures may differ by so much,
+/// After one similarity a picture may be turned by so much,
 const MAX_TURN_DEG: f64 = 2.0;
-/// and distances, after one scale, by this share,
-const MAX_STRETCH_LN: f64 = 0.05;
-/// in this share of the cases.
+/// and moved by this share of the piece's extent,
+const MAX_MOVED: f64 = 0.02;
+/// in this share of the pictures more.
 const MAX_CHANGED: f64 = 0.1;
 
 /// Whether a model has a piece in it as it was: what several cameras bend to fit together is worse than pieces.
 pub(super) fn keeps(piece: &Attempt, model: &[Option<CamFromWorld>]) -> bool {
+    if piece.num_registered() < MIN_PICTURES {
+        return true;
+    }
     let both: Vec<(&CamFromWorld, &CamFromWorld)> = (piece.poses.iter().zip(model))
         .filter_map(|(own, new)| Some((own.as_ref()?, new.as_ref()?)))
         .collect();
-    let num_own = piece.num_registered();
-    if num_own < MIN_PICTURES {
-        return true;
-    }
-    if ((num_own - both.len()) as f64) > MAX_CHANGED * num_own as f64 {
+    let centers = both
+        .iter()
+        .map(|(own, new)| (new.center_in_world(), own.center_in_world()));
+    let centers: Vec<_> = centers.collect();
+    let Some(moved) = Similarity::fit(&centers) else {
         return false;
-    }
-    // Turn in degrees, and both distances, from three of the pictures to all.
-    let mut found: Vec<(f64, f64, f64)> = Vec::new();
-    for from in [0, both.len() / 2, both.len() - 1] {
-        let (own_from, new_from) = both[from];
-        let away = both.iter().enumerate().filter(|(k, _)| *k != from);
-        found.extend(away.map(|(_, (own, new))| {
-            let turn = (own.rotation * own_from.rotation.transpose()).transpose()
-                * (new.rotation * new_from.rotation.transpose());
-            let distance = |a: &CamFromWorld, b: &CamFromWorld| {
-                (a.center_in_world() - b.center_in_world()).norm()
-            };
-            (
-                vector_from_rotation(&turn).norm().to_degrees(),
-                distance(own, own_from),
-                distance(new, new_from),
-            )
-        }));
-    }
-    let longest = found.iter().map(|f| f.1).fold(0.0, f64::max);
-    // Short distances say little of the shape.
-    let stretch = |f: &(f64, f64, f64)| (f.1 > 0.2 * longest).then(|| ln(f.2.max(1e-12) / f.1));
-    let mut all: Vec<f64> = found.iter().filter_map(stretch).collect();
-    let usual = median_in_place(&mut all).unwrap_or(0.0);
-    let is_changed = |f: &&(f64, f64, f64)| {
-        f.0 > MAX_TURN_DEG || stretch(f).is_some_and(|s| (s - usual).abs() > MAX_STRETCH_LN)
     };
-    let num_changed = found.iter().filter(is_changed).count();
-    num_changed as f64 <= MAX_CHANGED * found.len() as f64
+    let middle = centers.iter().map(|c| c.0).sum::<Vector3<f64>>() / centers.len() as f64;
+    let from_middle = centers.iter().map(|c| (c.0 - middle).norm());
+    let extent = from_middle.fold(0.0, f64::max);
+    let is_kept = |(own, new): &&(&CamFromWorld, &CamFromWorld)| {
+        let own = moved.transform_pose(own);
+        let turn = vector_from_rotation(&(own.rotation.transpose() * new.rotation)).norm();
+        let off = (own.center_in_world() - new.center_in_world()).norm();
+        turn.to_degrees() <= MAX_TURN_DEG && off <= MAX_MOVED * extent
+    };
+    let num_kept = both.iter().filter(is_kept).count();
+    num_kept as f64 >= (1.0 - MAX_CHANGED) * piece.num_registered() as f64
 }

@@ -131,6 +131,7 @@ fn links_out_of_the_folder_lead_nowhere() {
 fn a_sender_of_single_bytes_is_dropped_at_its_deadline() {
     let listener = TcpListener::bind(("127.0.0.1", 0)).expect("a port");
     let address = listener.local_addr().expect("has one");
+    #[allow(clippy::disallowed_methods, reason = "a slow sender is what is tested")]
     let sender = std::thread::spawn(move || {
         let mut stream = TcpStream::connect(address).expect("listens");
         // Until the other side hangs up.

@@ -128,10 +128,11 @@ fn origin(header: &LabelHeader) -> Result<Origin, (&'static str, String, &'stati
     })
 }
 
+/// A field, what it holds, and what it should.
+type WrongField = (&'static str, String, &'static str);
+
 /// What a header says of its world: unit of lengths, direction of gravity; or which field holds what in place of what.
-fn world(
-    header: &LabelHeader,
-) -> Result<(Units, Option<Vector3<f64>>), (&'static str, String, &'static str)> {
+fn world(header: &LabelHeader) -> Result<(Units, Option<Vector3<f64>>), WrongField> {
     let units = Units::from_name(&header.units)
         .ok_or_else(|| ("units", header.units.clone(), "expected `m` or `arbitrary`"))?;
     if let Some(g) = header.gravity

@@ -265,6 +265,10 @@ unsafe fn to_products<L: Lanes>(
                 let pixels = std::array::from_fn(|y| L::load(from.add(y * row_stride)));
                 *column = patch_transform(pixels);
             }
+            #[allow(
+                clippy::needless_range_loop,
+                reason = "rows of columns: y is the inner index"
+            )]
             for y in 0..IN {
                 let row = patch_transform(std::array::from_fn(|x| columns[x][y]));
                 for (x, number) in row.into_iter().enumerate() {
@@ -317,6 +321,10 @@ unsafe fn from_products<L: Lanes>(results: &Results) {
                 *column = result_transform(std::array::from_fn(|y| L::load(from.add(y * row))));
             }
             let bias = L::load(results.bias.add(first));
+            #[allow(
+                clippy::needless_range_loop,
+                reason = "rows of columns: y is the inner index"
+            )]
             for y in 0..results.size[0] {
                 let row = result_transform(std::array::from_fn(|x| columns[x][y]));
                 for (x, number) in row.into_iter().enumerate().take(results.size[1]) {

@@ -14,7 +14,7 @@ use crate::session::{Session, SessionError, SessionQuery, SessionReport};
 /// How rooms are chosen, and how many are held.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlaceOptions {
-    /// Most rooms that a frame is solved in.
+    /// Most rooms that a frame is solved in, where the ranking tells them apart; up to three times as many where it does not.
     pub candidates: usize,
     /// Least confidence of an answer that says which room it is.
     pub min_confidence: f64,
@@ -394,9 +394,21 @@ impl Place {
             }
             best_first(&mut self.ranking);
         }
+        // Where many rooms look alike the right one may come late.
+        let usual = self.options.candidates.max(1);
+        let least = self.score_of_first() - CLOSE_SCORE;
+        let close = self.ranking.iter().take_while(|r| r.score >= least).count();
+        let best = self.ranking.iter().take(close.clamp(usual, 3 * usual));
         self.candidates.clear();
-        let best = self.ranking.iter().take(self.options.candidates.max(1));
         self.candidates.extend(best.map(|ranked| ranked.room));
+    }
+
+    /// A room that nobody looked into although it ranks as well as one that claims the frame.
+    fn unasked(&self, claimed: usize) -> Option<usize> {
+        let ranked = |room| self.ranking.iter().find(|r: &&RoomScore| r.room == room);
+        let least = ranked(claimed)?.score - CLOSE_SCORE;
+        let next = self.ranking.get(self.candidates.len())?;
+        (next.score >= least).then_some(next.room)
     }
 
     fn score_of_first(&self) -> f32 {
@@ -439,8 +451,9 @@ impl Place {
         let others = self.claims.iter().filter(|claim| claim.room != best.room);
         let rival = others
             .filter(|other| CLEAR_GAIN * other.num_found > best.num_found)
-            .find(|other| !self.agree(&best, other))?;
-        Some([best.room, rival.room])
+            .find(|other| !self.agree(&best, other));
+        let rival = rival.map(|other| other.room);
+        Some([best.room, rival.or_else(|| self.unasked(best.room))?])
     }
 
     /// Whether two claims put the camera at one place.

@@ -407,7 +407,7 @@ impl<'a> Ground<'a> {
 
 /// A picture whose own focal length differs by so much from its camera's was taken with another zoom or lens: placed with the
 /// camera's it would stand where it never was. Autofocus and stabilisation change it by a few per cent.
-const MAX_ZOOM_LN: f64 = 0.06;
+const MAX_ZOOM_LN: f64 = 0.2;
 /// And by so many standard deviations: before a flat wall any focal length fits.
 pub(super) const ZOOM_SIGMAS: f64 = 4.0;
 /// How free a picture's own focal length is, as a standard deviation of ln f.

@@ -406,7 +406,8 @@ impl<'a> Ground<'a> {
 }
 
 /// A picture whose own focal length differs by so much from its camera's was taken with another zoom or lens: placed with the
-/// camera's it would stand where it never was. Autofocus and stabilisation change it by a few per cent.
+/// camera's it would stand where it never was. While a model grows it is off by more than its deviation says: with 0.06 a room that
+/// was filmed without zoom fell into pieces.
 const MAX_ZOOM_LN: f64 = 0.2;
 /// And by so many standard deviations: before a flat wall any focal length fits.
 pub(super) const ZOOM_SIGMAS: f64 = 4.0;

@@ -228,6 +228,7 @@ async fn poses(
     let matches = match_pictures(&pictures, groups, params, observer).await?;
     let motion = reconstruct_motion(&pictures, groups, &matches, params, observer).await?;
     let num_components = motion.components.len();
+    let left_out = motion.without_pose();
     let largest = motion.components.into_iter().next();
     let largest = largest.filter(|c| c.num_registered() >= MIN_PICTURES);
     let Some(largest) = largest else {
@@ -235,13 +236,6 @@ async fn poses(
     };
     let camera_of = motion.camera_of.iter();
     let cameras = camera_of.map(|g| largest.cameras[*g]).collect();
-    // What another piece has is left out of this one.
-    let elsewhere = (0..views.len()).filter(|i| {
-        largest.cam_from_world[*i].is_none() && motion.left_out.iter().all(|(l, _)| l != i)
-    });
-    let mut left_out: Vec<(usize, LeftOut)> = elsewhere.map(|i| (i, LeftOut::OtherPiece)).collect();
-    left_out.extend(&motion.left_out);
-    left_out.sort_unstable_by_key(|(i, _)| *i);
     Ok(Posed {
         cameras,
         source: PoseSource::Pictures,

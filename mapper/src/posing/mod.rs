@@ -11,8 +11,8 @@ use crate::progress::{Progress, StageBars};
 use crate::unposed::{self, Found, UnposedError};
 use landline::geometry::Camera;
 use landline::reconstruction::motion::{
-    CameraGroup, Component, LeftOut, Motion, MotionError, MotionParams, Picture, match_pictures,
-    reconstruct_motion,
+    CameraGroup, Component, LeftOut, MIN_APART_LN, Motion, MotionError, MotionParams, Picture,
+    match_pictures, reconstruct_motion,
 };
 use pollster::block_on;
 use std::fmt::Write as _;
@@ -72,9 +72,6 @@ pub struct Posed {
 
 /// Widths of the picture that a focal length may have.
 const FOCALS: std::ops::RangeInclusive<f64> = 0.1..=20.0;
-
-/// Pieces whose focal lengths differ by this factor were taken with another zoom, likely.
-const OTHER_ZOOM: f64 = 1.12;
 
 /// Whether a path is a video, by its ending.
 pub fn is_video(path: &Path) -> bool {
@@ -159,7 +156,6 @@ pub fn pose_pictures(
         let page = page::page(&page::Subject {
             names: &names,
             features: &features,
-            group_of: &motion.camera_of,
             unreadable: &unreadable,
             motion: &motion,
             unit: if request.metres.is_some() { "m" } else { "" },
@@ -264,7 +260,7 @@ fn describe(motion: &Motion, names: &[&str], out: &mut String) {
             };
             let zoom = focal(largest).and_then(|(group, px)| {
                 let of_group = rest.iter().filter_map(focal).filter(|(g, _)| *g == group);
-                let differs = |other: &f64| !(1.0 / OTHER_ZOOM..OTHER_ZOOM).contains(&(other / px));
+                let differs = |other: &f64| (other / px).ln().abs() > MIN_APART_LN;
                 let other = of_group.map(|(_, other)| other).find(differs)?;
                 Some((px, other))
             });

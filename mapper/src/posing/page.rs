@@ -3,7 +3,7 @@
 use super::plots::{self, Axes};
 use crate::html::{escaped, head, number};
 use landline::features::FeatureSet;
-use landline::reconstruction::motion::{Component, LeftOut, Motion};
+use landline::reconstruction::motion::{Component, Motion};
 use std::fmt::Write as _;
 use std::io;
 
@@ -17,8 +17,6 @@ pub(super) struct Subject<'a> {
     /// Names of the pictures.
     pub(super) names: &'a [&'a str],
     pub(super) features: &'a [FeatureSet],
-    /// Camera group of each picture.
-    pub(super) group_of: &'a [usize],
     /// Name and reason.
     pub(super) unreadable: &'a [(String, String)],
     pub(super) motion: &'a Motion,
@@ -57,17 +55,18 @@ pub(super) fn page(subject: &Subject<'_>) -> io::Result<String> {
         plots::view(largest, &axes, false)?,
     );
     let (num_seen, covered) = coverage(subject, largest);
+    let (poorest, share) = least(&covered);
     let _ = writeln!(
         out,
         "<h2>What each picture sees</h2>\n<div class=\"plots\">\n{}\n</div>\n<p class=\"quiet\">Orange: without a pose. Points of \
          the model cover {} % of a picture in the median; the least, {} %, that of {}.</p>",
         plots::seen(largest, &num_seen)?,
         number(100.0 * median(&covered), 0),
-        number(100.0 * least(&covered).1, 0),
-        escaped(least(&covered).0.map_or("", |i| subject.names[i])),
+        number(100.0 * share, 0),
+        escaped(poorest.map_or("", |i| subject.names[i])),
     );
     left_out(&mut out, subject);
-    cameras(&mut out, subject);
+    cameras(&mut out, subject, largest);
     pieces(&mut out, subject);
     out.push_str("</html>\n");
     Ok(out)
@@ -100,7 +99,7 @@ fn coverage(subject: &Subject<'_>, component: &Component) -> (Vec<usize>, Vec<Op
     for o in component.points.iter().flat_map(|p| &p.observations) {
         let i = o.view as usize;
         seen[i] += 1;
-        let camera = &component.cameras[subject.group_of[i]];
+        let camera = &component.cameras[subject.motion.camera_of[i]];
         let pixel = subject.features[i].keypoints[o.feature as usize].pixel;
         let cell = |v: f64, size: u32| {
             let at = CELLS as f64 * v / f64::from(size);
@@ -136,15 +135,7 @@ fn least(shares: &[Option<f64>]) -> (Option<usize>, f64) {
 }
 
 fn left_out(out: &mut String, subject: &Subject<'_>) {
-    let motion = subject.motion;
-    let others = motion.components.iter().skip(1);
-    let in_others = others.flat_map(|c| {
-        let posed = c.cam_from_world.iter().enumerate();
-        posed.filter(|(_, p)| p.is_some()).map(|(i, _)| i)
-    });
-    let mut without: Vec<(usize, LeftOut)> = motion.left_out.clone();
-    without.extend(in_others.map(|i| (i, LeftOut::OtherPiece)));
-    without.sort_unstable_by_key(|(i, _)| *i);
+    let without = subject.motion.without_pose();
     if without.is_empty() && subject.unreadable.is_empty() {
         out.push_str("<h2>Left out</h2>\n<p>Nothing: every picture has a pose.</p>\n");
         return;
@@ -166,15 +157,17 @@ fn left_out(out: &mut String, subject: &Subject<'_>) {
     out.push_str("</table>\n");
 }
 
-fn cameras(out: &mut String, subject: &Subject<'_>) {
+fn cameras(out: &mut String, subject: &Subject<'_>, largest: &Component) {
     out.push_str(
         "<h2>Cameras</h2>\n<table><tr><th>pictures<th>size<th>focal length, px<th>&plusmn;<th>field of view<th>radial term</tr>\n",
     );
-    let Some(largest) = subject.motion.components.first() else {
-        return;
-    };
     for (g, camera) in largest.cameras.iter().enumerate() {
-        let num = subject.group_of.iter().filter(|of| **of == g).count();
+        let num = subject
+            .motion
+            .camera_of
+            .iter()
+            .filter(|of| **of == g)
+            .count();
         let (f, _) = camera.focal_px();
         let field = 2.0 * (0.5 * f64::from(camera.width) / f).atan().to_degrees();
         let sigma = match largest.focal_sigma_ln.get(g).copied().flatten() {

@@ -33,6 +33,7 @@ pub use candidates::{CandidateParams, candidate_pairs};
 pub use loops::LoopParams;
 pub use refine::{Agreement, Disagreement, RefineParams, Refined, Refinement, disagreement};
 pub use verify::{PairMatches, VerifiedPair};
+pub use zoom::MIN_APART_LN;
 
 use super::{Observation, Observer, PointTrack, TwoViewKind, TwoViewParams, Watch};
 use crate::features::FeatureSet;
@@ -230,6 +231,22 @@ pub struct Motion {
     pub num_pairs: PairCounts,
     /// What the pairs say about the focal length of each group, in pixels, best first; empty where it was given.
     pub focal_votes_px: Vec<Vec<f64>>,
+}
+
+impl Motion {
+    /// Pictures that the largest component does not have, in their order: those of other pieces, and those of none.
+    pub fn without_pose(&self) -> Vec<(usize, LeftOut)> {
+        let has_pose = |i: usize| {
+            let largest = self.components.first();
+            largest.is_some_and(|c| c.cam_from_world[i].is_some())
+        };
+        let reason = |i: usize| {
+            let of_picture = self.left_out.iter().find(|(l, _)| *l == i);
+            of_picture.map_or(LeftOut::OtherPiece, |(_, reason)| *reason)
+        };
+        let without = (0..self.camera_of.len()).filter(|i| !has_pose(*i));
+        without.map(|i| (i, reason(i))).collect()
+    }
 }
 
 /// How many pairs came how far.

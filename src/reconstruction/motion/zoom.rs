@@ -11,9 +11,9 @@ use nalgebra::Vector3;
 
 /// A piece of fewer pictures does not know its focal length well enough.
 const MIN_PICTURES: usize = 8;
-/// Nearer focal lengths are of one zoom: along a corridor a small piece is off by seven per cent and more, and more cameras than there
+/// Focal lengths whose logarithms are nearer are of one zoom: along a corridor a small piece is off by seven per cent and more, and more cameras than there
 /// were bend the model.
-const MIN_APART_LN: f64 = 0.12;
+pub const MIN_APART_LN: f64 = 0.12;
 
 /// The pictures anew, with a camera group for each zoom.
 pub(super) struct Zoomed<'a> {
@@ -30,6 +30,10 @@ pub(super) fn told_apart<'a>(
     pieces: &[Attempt],
     hypotheses: &[Vec<f64>],
 ) -> Option<Zoomed<'a>> {
+    // One piece has one focal length.
+    if pieces.len() < 2 {
+        return None;
+    }
     let mut pictures = ground.pictures.to_vec();
     let mut groups = ground.groups.to_vec();
     let mut hypotheses = hypotheses.to_vec();

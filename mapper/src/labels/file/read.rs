@@ -102,8 +102,11 @@ impl Labels {
     }
 }
 
+/// A field, what it holds, and what it should.
+type WrongField = (&'static str, String, &'static str);
+
 /// What a header says of its labels' origin, or which field holds what in place of what.
-fn origin(header: &LabelHeader) -> Result<Origin, (&'static str, String, &'static str)> {
+fn origin(header: &LabelHeader) -> Result<Origin, WrongField> {
     let extractor = ExtractorKind::from_name(&header.extractor).ok_or_else(|| {
         (
             "extractor",
@@ -127,9 +130,6 @@ fn origin(header: &LabelHeader) -> Result<Origin, (&'static str, String, &'stati
         source: header.source.clone(),
     })
 }
-
-/// A field, what it holds, and what it should.
-type WrongField = (&'static str, String, &'static str);
 
 /// What a header says of its world: unit of lengths, direction of gravity; or which field holds what in place of what.
 fn world(header: &LabelHeader) -> Result<(Units, Option<Vector3<f64>>), WrongField> {

@@ -5,6 +5,8 @@
 const key = "landline-cameras";
 /** Cameras that are kept; phones have a few lenses at a few sizes each. */
 const maxCameras = 24;
+/** Off once the visitor has had them removed: a camera that still runs would bring its own back with the next frame. */
+let keeps = true;
 
 function read() {
   try {
@@ -22,7 +24,7 @@ export async function recallFocal(relocalizer, camera) {
   try {
     await relocalizer.recallCamera(camera, focalPerWidth);
   } catch {
-    forgetFocals();
+    remove();
   }
 }
 
@@ -30,7 +32,7 @@ export async function recallFocal(relocalizer, camera) {
 export function keepFocal(result, camera) {
   const { source, fx, width, relativeSigma } = result.intrinsics;
   // Without a deviation it is no longer estimated: enough frames agreed on it.
-  if (!result.located || source !== "remembered" || relativeSigma !== undefined) return;
+  if (!keeps || !result.located || source !== "remembered" || relativeSigma !== undefined) return;
   const kept = read();
   const focalPerWidth = Number((fx / width).toPrecision(4));
   if (Math.abs(kept.get(camera) / focalPerWidth - 1) < 0.005) return;
@@ -46,7 +48,13 @@ export function keepFocal(result, camera) {
 
 export const numFocals = () => read().size;
 
+/** Removes what is kept; until the page is opened again nothing more is. */
 export function forgetFocals() {
+  keeps = false;
+  remove();
+}
+
+function remove() {
   try {
     localStorage.removeItem(key);
   } catch {

@@ -106,6 +106,26 @@ impl<'a> Ground<'a> {
         Ground::new(self.pictures, self.groups, pairs, self.params)
     }
 
+    /// The same tracks under other beliefs about the cameras.
+    pub(super) fn with_cameras<'b>(
+        &self,
+        pictures: &'b [Picture<'b>],
+        groups: &'b [CameraGroup],
+    ) -> Ground<'b>
+    where
+        'a: 'b,
+    {
+        Ground {
+            pictures,
+            groups,
+            pairs: self.pairs,
+            params: self.params,
+            tracks: self.tracks.clone(),
+            track_of: self.track_of.clone(),
+            given: None,
+        }
+    }
+
     /// A reconstruction of two pictures; `None` when too few points come out.
     pub(super) fn start(
         &self,

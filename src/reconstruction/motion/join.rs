@@ -10,6 +10,7 @@ use super::candidates::bridging_pairs;
 use super::grow::{Attempt, Ground};
 use super::loops::reject_lonely;
 use super::start::{clean, close_loops, grow_all};
+use super::zoom::keeps;
 use super::{PairMatches, VerifiedPair, verify};
 use crate::features::FeatureSet;
 use crate::geometry::{CamFromWorld, Rigid, Similarity, rotation_from_vector};
@@ -371,11 +372,13 @@ fn joined(
     ground.adjust(&mut both, &Effort::thorough());
     ground.triangulate(&mut both, 1.0);
     let num_strays = clean(ground, &mut both);
-    // A piece that is cut off again, or bent until its own points do not fit, does not belong there.
+    // A piece that is cut off again, or bent, does not belong there. Where the camera goes straight on, the scale of what lies
+    // ahead is in no match across, and the wrong one bends.
     let smaller = first.num_registered().min(second.num_registered());
     let before = first.num_observations() + second.num_observations();
     let fits = num_strays as f64 <= (1.0 - MIN_KEPT) * smaller as f64
-        && both.num_observations() as f64 >= MIN_KEPT * before as f64;
+        && both.num_observations() as f64 >= MIN_KEPT * before as f64
+        && [first, second].iter().all(|p| keeps(p, &both.poses));
     fits.then_some(both)
 }
 

@@ -35,11 +35,12 @@ pub use refine::{Agreement, Disagreement, RefineParams, Refined, Refinement, dis
 pub use verify::{PairMatches, VerifiedPair};
 pub use zoom::MIN_APART_LN;
 
-use super::{Observation, Observer, PointTrack, TwoViewKind, TwoViewParams, Watch};
+use super::{FOCAL_RANGE, Observation, Observer, PointTrack, TwoViewKind, TwoViewParams, Watch};
 use crate::features::FeatureSet;
 use crate::geometry::{CamFromWorld, Camera, Similarity};
 use grow::{Attempt, Ground};
 use start::{best_start, focal_hypotheses, grow_all, with_focal};
+use zoom::Film;
 
 /// A picture to be posed.
 #[derive(Debug, Clone, Copy)]
@@ -307,6 +308,9 @@ pub enum MotionError {
         /// As the model has it when it is free.
         seen_px: f64,
     },
+    /// No few focal lengths explain the pictures.
+    #[error("the zoom changes all along the film, and no model can be trusted: film with one zoom")]
+    Zoom,
     /// The caller stopped it.
     #[error("stopped")]
     Stopped,
@@ -374,21 +378,33 @@ pub async fn reconstruct_motion(
 ) -> Result<Motion, MotionError> {
     check(pictures, groups)?;
     let mut watch = Watch::new(observer);
-    let hypotheses = focal_hypotheses(pictures, groups, matches, params);
-    posed(pictures, groups, &hypotheses, matches, params, &mut watch).await
+    let film = Film {
+        pictures: pictures.to_vec(),
+        groups: groups.to_vec(),
+        hypotheses: focal_hypotheses(pictures, groups, matches, params),
+        is_between: vec![false; pictures.len()],
+    };
+    posed(&film, MAX_ZOOMS, matches, params, &mut watch).await
 }
 
-/// Poses and points under the focal lengths to try for each group; pieces with another zoom are tried once more as cameras of
-/// their own.
+/// How often pictures are told apart by their zoom; a film where that does not end is refused.
+const MAX_ZOOMS: usize = 1;
+
+/// Poses and points under the focal lengths to try for each group; with another zoom all is done anew, with a camera for each.
 async fn posed(
-    pictures: &[Picture<'_>],
-    groups: &[CameraGroup],
-    hypotheses: &[Vec<f64>],
+    film: &Film<'_>,
+    zooms_left: usize,
     matches: &[PairMatches],
     params: &MotionParams,
     watch: &mut Watch<'_>,
 ) -> Result<Motion, MotionError> {
-    let mut groups = groups.to_vec();
+    let Film {
+        pictures,
+        groups,
+        hypotheses,
+        is_between,
+    } = film;
+    let mut groups = groups.clone();
     let mut cameras: Vec<Camera> = Vec::new();
     for (group, hypotheses) in groups.iter_mut().zip(hypotheses) {
         if let Some(focal) = hypotheses.first() {
@@ -412,7 +428,7 @@ async fn posed(
     let ground = Ground::new(pictures, &groups, &pairs, params);
     let mut pieces: Vec<Attempt> = Vec::new();
     let mut tried: Vec<(u32, u32)> = Vec::new();
-    let mut is_done = vec![false; pictures.len()];
+    let mut is_done = is_between.clone();
     loop {
         let num_left = is_done.iter().filter(|d| !**d).count();
         if num_left < params.min_component.max(2) || pieces.len() >= 8 {
@@ -430,30 +446,35 @@ async fn posed(
             .await
             .ok_or(MotionError::Stopped)?;
         let is_small = grown.num_registered() < params.min_component;
+        let is_lens = (groups.iter().zip(&grown.cameras)).all(|(group, camera)| {
+            let side = f64::from(camera.width.max(camera.height));
+            let relative = camera.focal_px().0 / side;
+            group.has_focal || (FOCAL_RANGE.0..=FOCAL_RANGE.1).contains(&relative)
+        });
         for (done, pose) in is_done.iter_mut().zip(&grown.poses) {
             *done |= pose.is_some();
         }
-        if !is_small {
+        // What needs a focal length that no camera has was bent until it fitted.
+        if !is_small && is_lens {
             pieces.push(grown);
         }
     }
     join::largest_first(&mut pieces);
-    if let Some(zoomed) = zoom::told_apart(&ground, &pieces, hypotheses) {
-        let zooms = &zoomed.pictures;
-        let again = posed(
-            zooms,
-            &zoomed.groups,
-            &zoomed.hypotheses,
-            matches,
-            params,
-            watch,
-        );
-        let again = Box::pin(again).await?;
-        if let (Some(all), Some(largest)) = (again.components.first(), pieces.first())
-            && all.num_registered() > largest.num_registered()
-            && pieces.iter().all(|p| zoom::keeps(p, &all.cam_from_world))
-        {
-            return Ok(again);
+    if let Some((zoomed, is_straight)) = zoom::told_apart(&ground, &pieces, film) {
+        let is_bent = is_straight.contains(&false);
+        if zooms_left > 0 {
+            let again = posed(&zoomed, zooms_left - 1, matches, params, watch);
+            let again = Box::pin(again).await?;
+            let has_more = (again.components.first()).is_some_and(|all| {
+                let largest = pieces.first().map_or(0, Attempt::num_registered);
+                all.num_registered() > largest
+                    && pieces.iter().all(|p| zoom::keeps(p, &all.cam_from_world))
+            });
+            if is_bent || has_more {
+                return Ok(again);
+            }
+        } else if is_bent {
+            return Err(MotionError::Zoom);
         }
     }
     let joined = join::bridge_gaps(&ground, matches, &mut pieces, watch)
@@ -475,7 +496,9 @@ async fn posed(
             pictures: pictures.len(),
             verified: num_pairs.verified,
             turned: num_pairs.turned,
-            advice: if 2 * num_pairs.turned > num_pairs.verified && num_pairs.turned > 0 {
+            advice: if is_between.contains(&true) {
+                "the zoom moved while you filmed: film with one zoom"
+            } else if 2 * num_pairs.turned > num_pairs.verified && num_pairs.turned > 0 {
                 "walk sideways while you film, turning on the spot shows no depth"
             } else if num_pairs.verified == 0 {
                 "take more pictures that overlap by half and more, sharp and with light"

@@ -403,3 +403,47 @@ fn a_few_zoomed_pictures_are_left_out() {
     assert!((14..18).all(|i| component.cam_from_world[i].is_none()));
     assert!(distance_error(component, walk) < 0.03);
 }
+
+#[test]
+fn a_zoom_that_moves_while_filming_is_not_believed() {
+    let here = place(14, 900, in_depth);
+    let focal = |i: usize| FOCAL * (1.0 + 0.5 * ((i as f64 - 8.0) / 24.0).clamp(0.0, 1.0));
+    let sets = zoomed_film(&here, 40, focal);
+    match run(&sets, CameraGroup::unknown(640, 480)) {
+        Err(refused) => assert!(refused.to_string().contains("zoom"), "{refused}"),
+        Ok(motion) => {
+            let error = distance_error(&motion.components[0], walk);
+            assert!(error < 0.03, "{error}");
+        }
+    }
+}
+
+#[test]
+fn a_piece_is_kept_when_moved_and_not_when_bent() {
+    let sets = film(&place(15, 40, in_depth), 12);
+    let picture = |features| Picture {
+        features,
+        camera: 0,
+    };
+    let pictures: Vec<Picture<'_>> = sets.iter().map(picture).collect();
+    let (params, groups) = (MotionParams::default(), [known()]);
+    let ground = Ground::new(&pictures, &groups, &[], &params);
+    let way: Vec<Option<CamFromWorld>> = (0..12).map(|i| Some(walk(i))).collect();
+    let piece = ground.posed_attempt(&way);
+    let moved = Similarity {
+        scale: 3.0,
+        rotation: rotation_from_vector(&Vector3::new(0.3, -1.0, 0.2)),
+        translation: Vector3::new(5.0, 0.0, -2.0),
+    };
+    let in_other_world = |pose: &CamFromWorld| Some(moved.transform_pose(pose));
+    let whole: Vec<_> = way.iter().flatten().map(in_other_world).collect();
+    assert!(zoom::keeps(&piece, &whole));
+    // The last third at another scale, as it comes out where a join ahead is believed.
+    let mut bent = whole.clone();
+    let hinge = whole[7].expect("posed").center_in_world();
+    for pose in bent[8..].iter_mut().flatten() {
+        let center = hinge + 0.4 * (pose.center_in_world() - hinge);
+        *pose = CamFromWorld::new(pose.rotation, -(pose.rotation * center));
+    }
+    assert!(!zoom::keeps(&piece, &bent));
+}

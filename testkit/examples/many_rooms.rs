@@ -1,8 +1,9 @@
 //! Renders many rooms to teach, and other pictures of them to ask with:
-//! `cargo run --release -p landline-testkit --example many_rooms -- DIR [ROOMS [TEACH [ASK [RAYS [WIDTH]]]]]`.
+//! `cargo run --release -p landline-testkit --example many_rooms -- DIR [ROOMS [TEACH [ASK [RAYS [WIDTH [alike]]]]]]`.
 //!
 //! `DIR/rooms/room-NN` and `DIR/asked/room-NN` hold pictures and `poses.txt`. Of four rooms or more the last four are two pairs
-//! of twins: the same room, other pictures. Rooms that are there are left as they are.
+//! of twins: the same room, other pictures. With `alike` they all have the same furniture, moved a little, in other colours, under
+//! other pictures. Rooms that are there are left as they are.
 
 use landline_testkit::room::{RenderOptions, Room, View, query_views, training_views};
 use std::error::Error;
@@ -19,6 +20,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (rooms, teach, ask, rays) = (number(50)?, number(72)?, number(20)?, number(2)?);
     let width = number(640)?.clamp(64, 1920) as u32;
     let height = 3 * width / 4;
+    let furnished = match args.next().as_deref() {
+        Some("alike") => Room::alike,
+        Some(other) => return Err(format!("{other} is no kind of rooms").into()),
+        None => Room::varied,
+    };
     for at in 0..rooms as u64 {
         let name = format!("room-{at:02}");
         let (taught, asked) = (dir.join("rooms").join(&name), dir.join("asked").join(&name));
@@ -33,7 +39,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             } else {
                 at
             };
-        let room = Room::varied(seed);
+        let room = furnished(seed);
         // The first of its three rounds, outwards from the middle: neighbours then share most of what they show.
         let mut views = training_views(&room, 1000 + at, 3 * teach, width, height);
         views.truncate(teach);

@@ -1,12 +1,12 @@
 //! Furnishing: what stands where.
 
+use super::alike::Vary;
 use super::color::{Rgb, srgb};
 use super::noise::Dice;
 use super::pieces::{Basis, Builder, Skin};
 use super::prints::STYLES;
 use super::texture::Texture;
 use super::trace::Quad;
-use super::vary::Vary;
 use super::{Edge, Room};
 use nalgebra::Vector3;
 
@@ -121,7 +121,15 @@ fn shell(b: &mut Builder, north: &Basis, east: &Basis, south: &Basis, west: &Bas
     }
 }
 
-fn bookcase(b: &mut Builder, at: &Basis, w: f64, h: f64, depth: f64, rows: usize, color: Rgb) {
+pub(super) fn bookcase(
+    b: &mut Builder,
+    at: &Basis,
+    w: f64,
+    h: f64,
+    depth: f64,
+    rows: usize,
+    color: Rgb,
+) {
     let (up, along) = (Texture::WoodUp(color), Texture::WoodAlong(color));
     let board = 0.028;
     b.solid(at, [0.0, board], [0.0, h], [0.0, depth], up);

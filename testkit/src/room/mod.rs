@@ -2,20 +2,22 @@
 //!
 //! The room is the demo's sample scene and the ground truth of the mapper's tests.
 //! Input: a seed. Output: pictures, world points, world edges.
-//! World: metres, z up, floor at z = 0, x in 0..6, y in 0..5. Cameras look along +z of camera space, y down.
+//! World: metres, z up, floor at z = 0, x in 0..6, y in 0..5 (a varied room has its own size). Cameras look along +z of camera space, y down.
 //! Surfaces are flat quads with procedural textures in metres and a light map of two light bounces.
 //! The same seed gives the same room and the same pictures, whatever the number of threads.
 
+mod alike;
 mod build;
 mod color;
 mod light;
 mod noise;
+mod patterns;
 mod pieces;
 mod prints;
 mod render;
 mod texture;
 mod trace;
-mod vary;
+mod varied;
 mod views;
 
 pub use render::{Picture, RenderOptions};
@@ -44,23 +46,32 @@ pub struct Room {
     edges: Vec<Edge>,
     bvh: Bvh,
     light_map: LightMap,
+    size_m: [f64; 3],
 }
 
 impl Room {
-    /// Width (x), depth (y) and height (z) in metres.
+    /// Width (x), depth (y) and height (z) of the sample room, in metres.
     pub const SIZE_M: [f64; 3] = [6.0, 5.0, 2.8];
 
     /// Furnishes and lights the room. Takes some seconds, nearly all of them for the light map.
     pub fn new(seed: u64) -> Self {
-        Self::of(build::furnish(seed, None), seed)
+        Self::of(build::furnish(seed, None), Self::SIZE_M, seed)
     }
 
-    /// A room of the same size whose furniture stands elsewhere, in other colours, under other pictures: one of many.
+    /// One of many that look alike: the furniture of [`Self::new`] a little moved, in other colours, under other pictures.
+    pub fn alike(seed: u64) -> Self {
+        let built = build::furnish(seed, Some(alike::Vary::new(seed)));
+        Self::of(built, Self::SIZE_M, seed)
+    }
+
+    /// One of many that differ as rooms do: of its own size, with its own furniture, walls and floor. Ten seeds in a row are of
+    /// one house, whose doors and windows are the same.
     pub fn varied(seed: u64) -> Self {
-        Self::of(build::furnish(seed, Some(vary::Vary::new(seed))), seed)
+        let (built, size_m) = varied::furnish(seed);
+        Self::of(built, size_m, seed)
     }
 
-    fn of(built: build::Built, seed: u64) -> Self {
+    fn of(built: build::Built, size_m: [f64; 3], seed: u64) -> Self {
         let bvh = Bvh::new(&built.quads);
         let light_map = LightMap::bake(&built.quads, &built.textures, &bvh, seed);
         Self {
@@ -69,6 +80,7 @@ impl Room {
             edges: built.edges,
             bvh,
             light_map,
+            size_m,
         }
     }
 
@@ -153,6 +165,32 @@ mod tests {
         assert_eq!(a.rgb, b.rgb);
         let other = Room::new(8).render(&view.camera, &view.cam_from_world, &options);
         assert_ne!(a.rgb, other.rgb);
+    }
+
+    #[test]
+    fn varied_rooms_are_of_their_own_size_and_closed() {
+        let rooms = [100, 101, 110].map(Room::varied);
+        for (i, room) in rooms.iter().enumerate() {
+            for other in &rooms[..i] {
+                assert!((room.size_m[0] - other.size_m[0]).abs() > 0.05);
+                assert_ne!(room.quads.len(), other.quads.len());
+            }
+            for view in query_views(room, 3, 6, 80, 60) {
+                let eye = view.cam_from_world.center_in_world();
+                for pixel in [(1.0, 1.0), (79.0, 1.0), (40.0, 30.0), (1.0, 59.0)] {
+                    let pixel = Pixel::new(pixel.0, pixel.1);
+                    let point = room.point_at(&view.camera, &view.cam_from_world, pixel);
+                    let point = point.expect("the room is closed");
+                    for axis in 0..3 {
+                        let range = -1e-9..room.size_m[axis] + 1e-9;
+                        assert!(range.contains(&eye[axis]) && range.contains(&point[axis]));
+                    }
+                }
+            }
+        }
+        // Of one house: the same height.
+        assert_eq!(rooms[0].size_m[2], rooms[1].size_m[2]);
+        assert_ne!(rooms[0].size_m[2], rooms[2].size_m[2]);
     }
 
     #[test]

@@ -2,11 +2,11 @@
 //! to the right, y up and n towards the viewer.
 
 use super::Edge;
+use super::alike::Vary;
 use super::color::{Rgb, srgb};
 use super::noise::Dice;
 use super::texture::Texture;
 use super::trace::Quad;
-use super::vary::Vary;
 use nalgebra::Vector3;
 
 /// Local right-handed basis: x right, y up, n out.

@@ -2,6 +2,8 @@
 
 use super::color::{Rgb, blend, shade, srgb};
 use super::noise::{Dice, cell, fbm, hash, smooth, value};
+use super::patterns;
+pub(super) use super::patterns::PATTERNS;
 
 /// Kinds of surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,6 +46,13 @@ pub(super) enum Texture {
     Keys,
     /// Face of the wall clock.
     Clock,
+    /// Two colours on a grid.
+    Pattern {
+        kind: u8,
+        side_m: f64,
+        ground: Rgb,
+        ink: Rgb,
+    },
 }
 
 impl Texture {
@@ -96,6 +105,12 @@ impl Texture {
                 }
             }
             Self::Clock => clock(s / w - 0.5, t / h - 0.5),
+            Self::Pattern {
+                kind,
+                side_m,
+                ground,
+                ink,
+            } => patterns::color(kind, s, t, side_m, [ground, ink], seed),
         }
     }
 }

@@ -16,6 +16,7 @@ pub struct View {
 
 /// Views of a person who walks through the room twice and looks around, in the order of the walk.
 pub fn training_views(room: &Room, seed: u64, count: usize, width: u32, height: u32) -> Vec<View> {
+    let [w, d] = shares_of_sample(room);
     let mut views = Vec::with_capacity(count);
     for i in 0..count {
         let u = i as f64 / count as f64;
@@ -32,8 +33,8 @@ pub fn training_views(room: &Room, seed: u64, count: usize, width: u32, height: 
         };
         let radius = radius + 0.25 * wave(30.0, 2);
         let eye = Vector3::new(
-            3.0 + 1.35 * radius * angle.cos(),
-            2.45 + radius * angle.sin(),
+            w * (3.0 + 1.35 * radius * angle.cos()),
+            d * (2.45 + radius * angle.sin()),
             1.5 + 0.22 * wave(20.0, 3),
         );
         let yaw = angle + turn + 0.35 * wave(36.0, 4);
@@ -46,23 +47,30 @@ pub fn training_views(room: &Room, seed: u64, count: usize, width: u32, height: 
 
 /// Views from random places and in random directions; none is taken from the walk of [`training_views`].
 pub fn query_views(room: &Room, seed: u64, count: usize, width: u32, height: u32) -> Vec<View> {
+    let [w, d] = shares_of_sample(room);
+    let least = 1.1 * w.min(d).min(1.0);
     let mut dice = Dice::new(seed ^ 0x0A5C);
     let mut views = Vec::with_capacity(count);
     while views.len() < count {
         // One round, so that every wall is asked for.
         let around = core::f64::consts::TAU * (views.len() as f64 + dice.unit()) / count as f64;
         let eye = Vector3::new(
-            dice.range(1.5, 4.5),
-            dice.range(1.4, 3.6),
+            w * dice.range(1.5, 4.5),
+            d * dice.range(1.4, 3.6),
             dice.range(1.2, 1.75),
         );
         let (pitch, roll) = (dice.range(-0.35, 0.12), dice.range(-0.10, 0.10));
         let view = look(room, width, height, eye, around, pitch, roll);
-        if clearance(room, &view) > 1.1 {
+        if clearance(room, &view) > least {
             views.push(view);
         }
     }
     views
+}
+
+/// Width and depth of a room beside those of the sample room.
+fn shares_of_sample(room: &Room) -> [f64; 2] {
+    [0, 1].map(|axis| room.size_m[axis] / Room::SIZE_M[axis])
 }
 
 /// How a camera that is carried through the room looks around.

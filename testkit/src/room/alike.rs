@@ -1,4 +1,4 @@
-//! Rooms that are no sample room: the same kinds of furniture, other places, colours and pictures.
+//! Rooms that look alike: the sample room's furniture, moved a little, in other colours, under other pictures.
 
 use super::color::{Rgb, shade};
 use super::noise::{Dice, hash};

@@ -47,7 +47,7 @@ for (let k = 0; k < frames; k++) {
   first ??= ms;
   (k % stay === 0 ? entering : staying).push(ms);
   tally[answer.located ? (answer.room.id === room.id ? "right" : "wrong") : answer.rivals ? "rivals" : "nothing"] += 1;
-  if (answer.located && answer.room.id !== room.id) console.log(`${room.id} ${at} taken for ${answer.room.id}, confidence ${answer.confidence.toFixed(3)}`);
+  if (answer.located && answer.room.id !== room.id) console.log(`${room.id} ${at} taken for ${answer.room.id}, confidence ${answer.quality.confidence.toFixed(3)}`);
   if (visit === 0) {
     single ??= await Relocalizer.create({ scene: join(dirname(resolve(manifestFile)), `${room.id}.landline`), device: "cpu" });
     alone.push((await timed(async () => single.locate(await frameOf(room, at), { intrinsics, tracking: true }))).ms);

@@ -70,13 +70,21 @@ impl SignCode {
 
     /// The code of a descriptor; bit `i` is set where number `i` of the query is not negative.
     pub fn encode(&self, descriptor: &[f32]) -> u64 {
+        signs(&self.query_of(descriptor))
+    }
+
+    /// As [`Self::query`].
+    pub fn query_of(&self, descriptor: &[f32]) -> [f32; CODE_BITS] {
         let mut query = [0.0; CODE_BITS];
         self.query(descriptor, &mut query);
         query
-            .iter()
-            .enumerate()
-            .fold(0, |code, (i, v)| code | (u64::from(*v >= 0.0) << i))
     }
+}
+
+/// The code of a centred descriptor.
+pub fn signs(query: &[f32; CODE_BITS]) -> u64 {
+    let bits = query.iter().enumerate();
+    bits.fold(0, |code, (i, v)| code | (u64::from(*v >= 0.0) << i))
 }
 
 /// The unit vector that a code stands for.

@@ -1,46 +1,44 @@
-//! Which room: the likelihood of a frame's words in each room.
+//! Which room: a frame's keypoints vote for the rooms that have a landmark like them.
 //!
-//! A room's landmarks say which words its pictures hold. The score of a room is the mean, over a frame's keypoints, of the
-//! logarithm of how much more likely their words are in that room than anywhere: naive Bayes on visual words, as `[fabmap2008]`
-//! without its dependencies.
+//! A room is some of its landmarks' codes, sorted by word. A keypoint looks among those of its own word, and gives each room a
+//! share of its vote by how few bits the nearest one differs in: nearest neighbours vote for classes as in `[nbnn2008]`. What is in
+//! many rooms, a window for one, is shared among them and tells little.
 
 use super::PlaceError;
-use super::words::{NUM_NODES, NUM_WORDS, Query, Words};
+use super::words::{NUM_NODES, NUM_WORDS, Words};
 use crate::features::FeatureSet;
-use crate::landmarks::code::{CODE_BITS, SignCode, decode};
+use crate::landmarks::code::{CODE_BITS, SignCode, decode, signs};
 use crate::math::elementary::ln;
 use crate::nn::{WeightTensor, Weights};
-use crate::scene_file::{Element, SceneFile, SceneFileError, TensorFile, serialize};
+use crate::scene_file::{
+    Element, RawTensor, SceneFile, SceneFileError, TensorFile, serialize_with,
+};
 use std::collections::BTreeMap;
 
-/// Version of index files. A newer one is refused.
-pub const INDEX_VERSION: u32 = 1;
+/// Version of index files. Another one is refused: an index is made anew of its scenes.
+pub const INDEX_VERSION: u32 = 2;
 /// Kind of file, as its metadata say.
 const KIND: &str = "place-index";
 const CENTRES: &str = "place.centres";
-const ROOMS: &str = "place.rooms";
 const MEAN: &str = "place.mean";
-const USUAL: &str = "place.usual";
+const COUNTS: &str = "landmark.counts";
+const CODES: &str = "landmark.codes";
 
+/// Landmarks of a room that are kept: fifty rooms are 0.43 MB then.
+const LANDMARKS: usize = 1024;
 /// Keypoints that are looked up; of more, evenly many.
-const MOST_KEYPOINTS: usize = 512;
-/// Share of a room's pictures that its landmarks do not tell.
-const UNTOLD: f64 = 0.5;
-/// Share of a landmark that goes to its nearest word; the rest goes to the second.
-const FIRST_WORD: f64 = 0.7;
-/// Weight of a landmark that is known by its code alone, beside one of which the descriptor is known.
-const CODE_WEIGHT: f64 = 0.25;
-/// Weight of the even distribution in that of all rooms.
-const EVEN: f64 = 0.3;
-/// Most descriptors that words are learned from.
-const MOST_ROWS: usize = 40_000;
+const MOST_KEYPOINTS: usize = 1024;
+/// Share of a vote that is left for each bit in which two codes differ. From 0.3 to 0.7 the ranking hardly changes.
+const EACH_BIT: f32 = 0.5;
+/// Bits in which codes of unlike things of one word differ: what no room is nearer than counts for none of them.
+const UNLIKE_BITS: usize = 20;
 
 /// How well a room explains a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RoomScore {
     /// Its place among the rooms.
     pub room: usize,
-    /// Nats for each keypoint above what is usual.
+    /// Natural logarithm of its share of the keypoints' votes.
     pub score: f32,
 }
 
@@ -49,60 +47,71 @@ pub struct RoomScore {
 pub struct PlaceIndex {
     code: SignCode,
     words: Words,
-    /// How likely each word is in any room.
-    usual: Vec<f32>,
     rooms: Vec<String>,
-    /// `[words, rooms]`.
-    log_ratios: Vec<f32>,
+    looks: Vec<Looks>,
 }
 
-/// What a room looks like, as its scene tells.
+/// What a room looks like: codes of landmarks, those of a word together.
+#[derive(Debug, Clone, PartialEq, Default)]
 struct Looks {
-    /// Unit rows of as many numbers as a descriptor has.
-    descriptors: Vec<f32>,
-    /// Of the codes.
-    mean: Vec<f32>,
+    /// Where the codes of each word end.
+    ends: Vec<u16>,
     codes: Vec<u64>,
 }
 
 impl Looks {
-    fn of(id: &str, scene: &SceneFile) -> Result<Self, PlaceError> {
-        let keys = scene.weights.get("point.anchor.keys");
-        let table = scene.landmarks.as_ref();
-        if keys.is_none() && table.is_none() {
+    /// Of codes with their words.
+    fn new(codes: impl Iterator<Item = (usize, u64)> + Clone) -> Self {
+        let mut looks = Self::default();
+        for word in 0..NUM_WORDS {
+            let own = codes.clone().filter(|(of, _)| *of == word);
+            // As many as a byte counts in the file.
+            looks
+                .codes
+                .extend(own.map(|(_, code)| code).take(usize::from(u8::MAX)));
+            looks.ends.push(looks.codes.len() as u16);
+        }
+        looks
+    }
+
+    fn of_word(&self, word: usize) -> &[u64] {
+        let end = |word: usize| self.ends.get(word).map_or(0, |end| usize::from(*end));
+        let start = word.checked_sub(1).map_or(0, end);
+        self.codes.get(start..end(word)).unwrap_or(&[])
+    }
+}
+
+/// Descriptors of a room's landmarks as a scene tells them, rows of as many numbers as a descriptor has; of a scene without, what
+/// its codes stand for.
+fn descriptors(id: &str, scene: &SceneFile) -> Result<Vec<f32>, PlaceError> {
+    let channels = scene.config.descriptor_channels();
+    let rows = match (scene.weights.get("point.anchor.keys"), &scene.landmarks) {
+        (Some(keys), _) => keys.to_f32(),
+        (None, Some(table)) => {
+            let mean = &table.point_code.mean;
+            let row = |code: &u64| {
+                let numbers = decode(*code);
+                let row = mean.iter().zip(numbers.iter().cycle());
+                row.map(|(m, s)| m + s).collect::<Vec<f32>>()
+            };
+            table.point_codes.iter().flat_map(row).collect()
+        }
+        (None, None) => {
             return Err(PlaceError::NoLandmarks {
                 room: id.to_owned(),
             });
         }
-        let channels = scene.config.descriptor_channels();
-        let mut descriptors = keys.map(WeightTensor::to_f32).unwrap_or_default();
+    };
+    let num = rows.len() / channels.max(1);
+    let kept = num.min(LANDMARKS);
+    let even = (0..kept).map(|i| i * num / kept * channels);
+    let mut out = Vec::with_capacity(kept * channels);
+    for row in even.filter_map(|start| rows.get(start..start + channels)) {
         // The stored length of a key means nothing.
-        for row in descriptors.chunks_exact_mut(channels) {
-            let norm = row.iter().map(|v| v * v).sum::<f32>().sqrt().max(1e-12);
-            row.iter_mut().for_each(|v| *v /= norm);
-        }
-        let mean = match table {
-            Some(table) => table.point_code.mean.clone(),
-            None => SignCode::of(channels, descriptors.chunks_exact(channels)).mean,
-        };
-        Ok(Self {
-            descriptors,
-            mean,
-            codes: table.map_or_else(Vec::new, |t| t.point_codes.clone()),
-        })
+        let norm = row.iter().map(|v| v * v).sum::<f32>().sqrt().max(1e-12);
+        out.extend(row.iter().map(|v| v / norm));
     }
-
-    /// Descriptors as they are compared, each with its weight.
-    fn queries<'a>(&'a self, code: &'a SignCode) -> impl Iterator<Item = (Query, f64)> + 'a {
-        let channels = code.mean.len().max(1);
-        let known = self.descriptors.chunks_exact(channels).map(|row| {
-            let mut query = [0.0; CODE_BITS];
-            code.query(row, &mut query);
-            (query, 1.0)
-        });
-        // Codes count from the room's own mean, which is near the place's.
-        known.chain(self.codes.iter().map(|c| (decode(*c), CODE_WEIGHT)))
-    }
+    Ok(out)
 }
 
 impl PlaceIndex {
@@ -111,43 +120,27 @@ impl PlaceIndex {
     /// # Errors
     /// [`PlaceError::NoLandmarks`]; [`PlaceError::Rooms`] without any.
     pub fn build(rooms: &[(&str, &SceneFile)]) -> Result<Self, PlaceError> {
-        let looks: Vec<Looks> = rooms
-            .iter()
-            .map(|(id, scene)| Looks::of(id, scene))
-            .collect::<Result<_, _>>()?;
-        let Some(first) = looks.first() else {
+        let Some((_, first)) = rooms.first() else {
             return Err(PlaceError::Rooms {
                 found: 0,
                 limit: super::manifest::MAX_ROOMS,
             });
         };
-        let channels = first.mean.len();
-        let means = looks.iter().map(|l| l.mean.as_slice());
-        let code = SignCode::of(channels, means);
-        let told = |l: &Looks| -> Vec<Query> { l.queries(&code).map(|(q, _)| q).collect() };
-        let all: Vec<Vec<Query>> = looks.iter().map(told).collect();
-        let each = (MOST_ROWS / all.len().max(1)).max(1);
-        let rows: Vec<Query> = all
+        let channels = first.config.descriptor_channels();
+        let all: Vec<Vec<f32>> = rooms
             .iter()
-            .flat_map(|own| own.iter().step_by(own.len().div_ceil(each).max(1)))
-            .copied()
-            .collect();
-        let words = Words::learn(&rows);
-        let counts: Vec<Vec<f64>> = looks.iter().map(|l| shares(&words, &code, l)).collect();
-        let mut usual = vec![EVEN / NUM_WORDS as f64; NUM_WORDS];
-        for own in &counts {
-            for (u, c) in usual.iter_mut().zip(own) {
-                *u += (1.0 - EVEN) * c / counts.len() as f64;
-            }
-        }
+            .map(|(id, scene)| descriptors(id, scene))
+            .collect::<Result<_, _>>()?;
+        let rows = || all.iter().flat_map(|own| own.chunks_exact(channels));
+        let code = SignCode::of(channels, rows());
+        let queries: Vec<_> = rows().map(|row| code.query_of(row)).collect();
         let mut index = Self {
+            words: Words::learn(&queries),
             code,
-            words,
-            usual: usual.iter().map(|u| *u as f32).collect(),
             rooms: Vec::new(),
-            log_ratios: Vec::new(),
+            looks: Vec::new(),
         };
-        for ((id, _), own) in rooms.iter().zip(&counts) {
+        for ((id, _), own) in rooms.iter().zip(&all) {
             index.put(id, own);
         }
         Ok(index)
@@ -158,8 +151,7 @@ impl PlaceIndex {
     /// # Errors
     /// [`PlaceError::NoLandmarks`].
     pub fn add(&mut self, id: &str, scene: &SceneFile) -> Result<(), PlaceError> {
-        let looks = Looks::of(id, scene)?;
-        let own = shares(&self.words, &self.code, &looks);
+        let own = descriptors(id, scene)?;
         self.put(id, &own);
         Ok(())
     }
@@ -169,34 +161,26 @@ impl PlaceIndex {
         let Some(at) = self.rooms.iter().position(|r| r == id) else {
             return false;
         };
-        let num = self.rooms.len();
-        let mut column = (0..num).cycle();
-        self.log_ratios.retain(|_| column.next() != Some(at));
         self.rooms.remove(at);
+        self.looks.remove(at);
         true
     }
 
-    /// Sets a room's column from its shares of the words.
-    fn put(&mut self, id: &str, own: &[f64]) {
-        let ratios = own.iter().zip(&self.usual).map(|(own, usual)| {
-            let usual = f64::from(*usual).max(1e-9);
-            ln(((1.0 - UNTOLD) * own + UNTOLD * usual) / usual) as f32
-        });
-        let ratios: Vec<f32> = ratios.collect();
-        let num = self.rooms.len();
+    /// Sets what a room looks like from its descriptors.
+    fn put(&mut self, id: &str, own: &[f32]) {
+        let rows = own.chunks_exact(self.code.mean.len().max(1));
+        let codes: Vec<(usize, u64)> = rows
+            .map(|row| {
+                let query = self.code.query_of(row);
+                (self.words.of(&query), signs(&query))
+            })
+            .collect();
+        let looks = Looks::new(codes.iter().copied());
         match self.rooms.iter().position(|r| r == id) {
-            Some(at) => {
-                let cells = self.log_ratios.iter_mut().skip(at).step_by(num);
-                cells.zip(&ratios).for_each(|(cell, ratio)| *cell = *ratio);
-            }
+            Some(at) => self.looks[at] = looks,
             None => {
-                let before = core::mem::take(&mut self.log_ratios);
-                for (word, ratio) in ratios.iter().enumerate() {
-                    let row = before.get(word * num..(word + 1) * num).unwrap_or(&[]);
-                    self.log_ratios.extend_from_slice(row);
-                    self.log_ratios.push(*ratio);
-                }
                 self.rooms.push(id.to_owned());
+                self.looks.push(looks);
             }
         }
     }
@@ -211,46 +195,67 @@ impl PlaceIndex {
         out.clear();
         out.extend((0..self.rooms.len()).map(|room| RoomScore { room, score: 0.0 }));
         let channels = features.descriptor_channels;
-        if channels == 0 || channels != self.code.mean.len() || out.is_empty() {
+        let is_other = channels == 0 || channels != self.code.mean.len();
+        if is_other || out.is_empty() || features.descriptors_nd.is_empty() {
             return;
+        }
+        let mut weights = [1.0_f32; CODE_BITS + 1];
+        for bits in 1..=CODE_BITS {
+            weights[bits] = EACH_BIT * weights[bits - 1];
         }
         let rows = features.descriptors_nd.chunks_exact(channels);
         let step = rows.len().div_ceil(MOST_KEYPOINTS).max(1);
         let num = rows.len().div_ceil(step).max(1);
-        let mut query = [0.0; CODE_BITS];
+        let mut votes = vec![0.0; out.len()];
         for row in rows.step_by(step) {
-            self.code.query(row, &mut query);
-            let [word, _] = self.words.of(&query);
-            let start = word * out.len();
-            let ratios = self.log_ratios.get(start..start + out.len()).unwrap_or(&[]);
-            for (room, ratio) in out.iter_mut().zip(ratios) {
-                room.score += ratio;
+            let query = self.code.query_of(row);
+            let (word, own) = (self.words.of(&query), signs(&query));
+            let mut all = weights[UNLIKE_BITS];
+            for (vote, looks) in votes.iter_mut().zip(&self.looks) {
+                let bits = looks.of_word(word).iter().map(|c| (c ^ own).count_ones());
+                *vote = bits.min().map_or(0.0, |bits| weights[bits as usize]);
+                all += *vote;
+            }
+            for (room, vote) in out.iter_mut().zip(&votes) {
+                room.score += vote / all;
             }
         }
         for room in out.iter_mut() {
-            room.score /= num as f32;
+            room.score = ln(f64::from(room.score) / num as f64 + 1e-6) as f32;
         }
         best_first(out);
     }
 
-    /// The bytes of a file: a safetensors file with 8-bit rows.
+    /// The bytes of a file: a safetensors file.
     ///
     /// # Errors
     /// [`PlaceError::Index`] when a number is not finite.
     pub fn to_bytes(&self) -> Result<Vec<u8>, PlaceError> {
         let num = self.rooms.len();
-        let by_room = (0..num).flat_map(|room| self.log_ratios.iter().skip(room).step_by(num));
-        let tensors = [
-            (CENTRES, vec![NUM_NODES, CODE_BITS], self.words.to_numbers()),
-            (ROOMS, vec![num, NUM_WORDS], by_room.copied().collect()),
-            (MEAN, vec![self.code.mean.len()], self.code.mean.clone()),
-            (USUAL, vec![NUM_WORDS], self.usual.clone()),
-        ];
         let mut weights = Weights::new();
-        for (name, shape, numbers) in tensors {
+        for (name, shape, numbers) in [
+            (CENTRES, vec![NUM_NODES, CODE_BITS], self.words.to_numbers()),
+            (MEAN, vec![self.code.mean.len()], self.code.mean.clone()),
+        ] {
             let tensor = WeightTensor::f32(&shape, numbers);
             weights.insert(name, tensor.map_err(|e| damaged(e.to_string()))?);
         }
+        let counts = self.looks.iter().flat_map(|looks| {
+            let count = |word| looks.of_word(word).len() as u8;
+            (0..NUM_WORDS).map(count)
+        });
+        let codes = self.looks.iter().flat_map(|looks| &looks.codes);
+        let codes: Vec<u8> = codes.flat_map(|c| c.to_le_bytes()).collect();
+        let raw = |name, shape: [usize; 2], bytes| RawTensor {
+            name,
+            dtype: "U8",
+            shape: shape.to_vec(),
+            bytes,
+        };
+        let raw = vec![
+            raw(COUNTS, [num, NUM_WORDS], counts.collect()),
+            raw(CODES, [codes.len() / 8, 8], codes),
+        ];
         let names = serde_json::to_string(&self.rooms).map_err(|e| damaged(e.to_string()))?;
         let metadata: BTreeMap<String, String> = [
             ("landline", KIND.to_owned()),
@@ -261,10 +266,10 @@ impl PlaceIndex {
         .map(|(key, value)| (key.to_owned(), value))
         .collect();
         let element = |name: &str, _: &[usize]| match name {
-            CENTRES | ROOMS => Element::EIGHT_BIT,
+            CENTRES => Element::EIGHT_BIT,
             _ => Element::F32,
         };
-        serialize(&metadata, &weights, element).map_err(PlaceError::Index)
+        serialize_with(&metadata, &weights, raw, element).map_err(PlaceError::Index)
     }
 
     /// Reads and checks a file.
@@ -296,46 +301,45 @@ impl PlaceIndex {
             taken.map_err(|e| damaged(e.to_string()))
         };
         let mean = take(MEAN, &[mean_len])?;
-        let usual = take(USUAL, &[NUM_WORDS])?;
         let centres = take(CENTRES, &[NUM_NODES, CODE_BITS])?;
-        let by_room = take(ROOMS, &[rooms.len(), NUM_WORDS])?;
         let words = Words::from_centres(&centres)
             .ok_or_else(|| damaged("another number of words, or one that is none".to_owned()))?;
-        let log_ratios = (0..NUM_WORDS)
-            .flat_map(|word| by_room.iter().skip(word).step_by(NUM_WORDS))
-            .copied()
-            .collect();
+        let raw = |name, columns| {
+            file.raw(name, "U8", Some(columns))
+                .map_err(PlaceError::Index)
+        };
+        let mut codes = raw(CODES, 8)?.as_chunks::<8>().0;
+        let mut looks = Vec::with_capacity(rooms.len());
+        for counts in raw(COUNTS, NUM_WORDS)?.chunks_exact(NUM_WORDS) {
+            let mut end = 0;
+            let ends = counts.iter().map(|count| {
+                end += u16::from(*count);
+                end
+            });
+            let ends: Vec<u16> = ends.collect();
+            let Some((own, rest)) = codes.split_at_checked(usize::from(end)) else {
+                break;
+            };
+            codes = rest;
+            let codes = own.iter().map(|c| u64::from_le_bytes(*c)).collect();
+            looks.push(Looks { ends, codes });
+        }
+        if looks.len() != rooms.len() || !codes.is_empty() {
+            return Err(damaged(
+                "another number of landmarks than is said".to_owned(),
+            ));
+        }
         Ok(Self {
             code: SignCode { mean },
             words,
-            usual,
             rooms,
-            log_ratios,
+            looks,
         })
     }
 }
 
 fn damaged(reason: String) -> PlaceError {
     PlaceError::Index(SceneFileError::Header { reason })
-}
-
-/// Share of each word in what a room holds.
-fn shares(words: &Words, code: &SignCode, looks: &Looks) -> Vec<f64> {
-    let mut counts = vec![0.0; NUM_WORDS];
-    let mut total = 0.0;
-    for (query, weight) in looks.queries(code) {
-        let [first, second] = words.of(&query);
-        for (word, share) in [(first, FIRST_WORD), (second, 1.0 - FIRST_WORD)] {
-            if let Some(count) = counts.get_mut(word) {
-                *count += weight * share;
-            }
-        }
-        total += weight;
-    }
-    if total > 0.0 {
-        counts.iter_mut().for_each(|c| *c /= total);
-    }
-    counts
 }
 
 /// Orders rooms by score, equal ones by their place in the manifest. An insertion: rooms are some dozens, and the library's
@@ -477,7 +481,7 @@ mod tests {
             changed[at..at + to.len()].copy_from_slice(to.as_bytes());
             PlaceIndex::from_bytes(&changed).expect_err("must refuse")
         };
-        let newer = change("\"format\":\"1\"", "\"format\":\"2\"");
+        let newer = change("\"format\":\"2\"", "\"format\":\"3\"");
         assert!(matches!(
             newer,
             PlaceError::Index(SceneFileError::Version { .. })
@@ -487,7 +491,8 @@ mod tests {
             other,
             PlaceError::Index(SceneFileError::Kind { .. })
         ));
-        change("place.usual", "place.other");
+        change("place.mean", "place.none");
+        change("landmark.codes", "landmark.other");
     }
 
     #[test]

@@ -5,12 +5,11 @@ use crate::math::Rng;
 use crate::math::parallel;
 
 /// Children of a node on each level.
-pub(super) const BRANCHES: [usize; 3] = [16, 12, 12];
+pub(super) const BRANCHES: [usize; 2] = [16, 12];
 /// Leaves of the tree.
-pub(super) const NUM_WORDS: usize = BRANCHES[0] * BRANCHES[1] * BRANCHES[2];
+pub(super) const NUM_WORDS: usize = BRANCHES[0] * BRANCHES[1];
 /// All nodes but the root, level after level.
-pub(super) const NUM_NODES: usize =
-    BRANCHES[0] + BRANCHES[0] * BRANCHES[1] + BRANCHES[0] * BRANCHES[1] * BRANCHES[2];
+pub(super) const NUM_NODES: usize = BRANCHES[0] + NUM_WORDS;
 /// Rounds of k-means on a level.
 const ROUNDS: usize = 8;
 
@@ -24,18 +23,16 @@ pub(super) struct Words {
     centres: Vec<Query>,
 }
 
-/// The nearest of some centres, and the second.
-fn nearest_two(query: &Query, centres: &[Query]) -> [usize; 2] {
-    let mut best = [(f32::NEG_INFINITY, 0); 2];
+/// The nearest of some centres.
+fn nearest(query: &Query, centres: &[Query]) -> usize {
+    let mut best = (f32::NEG_INFINITY, 0);
     for (i, centre) in centres.iter().enumerate() {
         let alike = similarity(query, centre);
-        if alike > best[0].0 {
-            best = [(alike, i), best[0]];
-        } else if alike > best[1].0 {
-            best[1] = (alike, i);
+        if alike > best.0 {
+            best = (alike, i);
         }
     }
-    best.map(|b| b.1)
+    best.1
 }
 
 impl Words {
@@ -73,20 +70,17 @@ impl Words {
         self.centres.as_flattened().to_vec()
     }
 
-    /// The word of a descriptor, and the next one on the last level.
-    pub(super) fn of(&self, query: &Query) -> [usize; 2] {
-        let (mut node, mut first) = (0, 0);
-        let mut found = [0; 2];
-        let mut level_len = 1;
+    /// The word of a descriptor.
+    pub(super) fn of(&self, query: &Query) -> usize {
+        let (mut node, mut first, mut level_len) = (0, 0, 1);
         for branches in BRANCHES {
             let start = first + node * branches;
             let children = self.centres.get(start..start + branches).unwrap_or(&[]);
-            found = nearest_two(query, children).map(|child| node * branches + child);
-            node = found[0];
+            node = node * branches + nearest(query, children);
             level_len *= branches;
             first += level_len;
         }
-        found
+        node
     }
 }
 
@@ -117,8 +111,7 @@ fn k_means(
     for _ in 0..ROUNDS {
         groups.iter_mut().for_each(Vec::clear);
         for m in members {
-            let [nearest, _] = nearest_two(row(*m), &centres);
-            groups[nearest].push(*m);
+            groups[nearest(row(*m), &centres)].push(*m);
         }
         for (centre, group) in centres.iter_mut().zip(&groups) {
             if group.is_empty() {
@@ -153,12 +146,12 @@ mod tests {
         let mut same = 0;
         for row in &rows {
             let near = unit(&row.map(|v| v + 0.02 * rng.normal() as f32));
-            same += usize::from(words.of(row)[0] == words.of(&near)[0]);
+            same += usize::from(words.of(row) == words.of(&near));
         }
         assert!(same > 450, "{same} of 500");
         let used: std::collections::BTreeSet<usize> =
-            rows.iter().map(|row| words.of(row)[0]).collect();
-        assert!(used.len() > 350, "{} words for 500 rows", used.len());
+            rows.iter().map(|row| words.of(row)).collect();
+        assert!(used.len() > 150, "{} words for 500 rows", used.len());
         assert!(used.iter().all(|word| *word < NUM_WORDS));
     }
 
@@ -184,7 +177,7 @@ mod tests {
             let rows = rows(count);
             let words = Words::learn(&rows);
             assert_eq!(words.centres.len(), NUM_NODES);
-            assert!(rows.iter().all(|row| words.of(row)[0] < NUM_WORDS));
+            assert!(rows.iter().all(|row| words.of(row) < NUM_WORDS));
         }
     }
 }

@@ -28,6 +28,7 @@ pub use extractor_file::ExtractorFile;
 pub use info::{HeldOut, MAX_OTHER_CAMERAS, MAX_WORKING_SIDE, SceneInfo, TrainingSummary};
 pub use scene::{Precision, SceneFile};
 pub use tensor_file::{Element, MAX_FILE_BYTES, MAX_HEADER_BYTES, TensorFile, serialize};
+pub(crate) use tensor_file::{RawTensor, serialize_with};
 pub use timestamp::{Timestamp, TimestampError};
 
 /// Version of extractor files, and of scene files without landmarks.

@@ -132,7 +132,7 @@ impl<'a> TensorFile<'a> {
     ///
     /// # Errors
     /// [`SceneFileError::LandmarkTensor`] when it is missing, or of another type or shape.
-    pub(super) fn raw(
+    pub(crate) fn raw(
         &self,
         name: &str,
         dtype: &str,
@@ -276,12 +276,12 @@ fn finite<T: Copy>(
 
 /// A tensor whose bytes are written as they are.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct RawTensor {
-    pub(super) name: &'static str,
+pub(crate) struct RawTensor {
+    pub(crate) name: &'static str,
     /// As safetensors calls it.
-    pub(super) dtype: &'static str,
-    pub(super) shape: Vec<usize>,
-    pub(super) bytes: Vec<u8>,
+    pub(crate) dtype: &'static str,
+    pub(crate) shape: Vec<usize>,
+    pub(crate) bytes: Vec<u8>,
 }
 
 struct Blob<'a> {
@@ -305,7 +305,7 @@ pub fn serialize(
 }
 
 /// [`serialize`] with further tensors.
-pub(super) fn serialize_with(
+pub(crate) fn serialize_with(
     metadata: &BTreeMap<String, String>,
     weights: &Weights,
     raw: Vec<RawTensor>,

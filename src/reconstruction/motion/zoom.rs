@@ -11,7 +11,6 @@ use super::start::close_loops;
 use super::{CameraGroup, Picture};
 use crate::geometry::{CamFromWorld, Similarity, vector_from_rotation};
 use crate::math::elementary::{exp, ln};
-use core::cmp::Reverse;
 use nalgebra::Vector3;
 
 /// Fewer pictures do not know their focal length well enough.
@@ -136,7 +135,7 @@ impl Stretch {
     }
 }
 
-/// A piece's pictures of a camera group by their focal lengths that last, the most pictures first, and those between; `None` where
+/// A piece's pictures of a camera group by their focal lengths that last, that of most pictures first, and those between; `None` where
 /// they are too few or nothing is determined.
 fn parts(ground: &Ground<'_>, piece: &Attempt, g: usize) -> Option<(Vec<Stretch>, Vec<usize>)> {
     let coarse = stretches(ground, piece, g, MIN_PICTURES)?;
@@ -169,7 +168,6 @@ fn parts(ground: &Ground<'_>, piece: &Attempt, g: usize) -> Option<(Vec<Stretch>
             None => between.extend(stretch.pictures),
         }
     }
-    parts.sort_by_key(|p| Reverse(p.pictures.len()));
     Some((parts, between))
 }
 

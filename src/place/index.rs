@@ -26,8 +26,6 @@ const CODES: &str = "landmark.codes";
 
 /// Landmarks of a room that are kept: fifty rooms are 0.43 MB then.
 const LANDMARKS: usize = 1024;
-/// Keypoints that are looked up; of more, evenly many.
-const MOST_KEYPOINTS: usize = 1024;
 /// Share of a vote that is left for each bit in which two codes differ. From 0.3 to 0.7 the ranking hardly changes.
 const EACH_BIT: f32 = 0.5;
 /// Bits in which codes of unlike things of one word differ: what no room is nearer than counts for none of them.
@@ -204,10 +202,9 @@ impl PlaceIndex {
             weights[bits] = EACH_BIT * weights[bits - 1];
         }
         let rows = features.descriptors_nd.chunks_exact(channels);
-        let step = rows.len().div_ceil(MOST_KEYPOINTS).max(1);
-        let num = rows.len().div_ceil(step).max(1);
+        let num = rows.len().max(1);
         let mut votes = vec![0.0; out.len()];
-        for row in rows.step_by(step) {
+        for row in rows {
             let query = self.code.query_of(row);
             let (word, own) = (self.words.of(&query), signs(&query));
             let mut all = weights[UNLIKE_BITS];
@@ -303,7 +300,7 @@ impl PlaceIndex {
         let mean = take(MEAN, &[mean_len])?;
         let centres = take(CENTRES, &[NUM_NODES, CODE_BITS])?;
         let words = Words::from_centres(&centres)
-            .ok_or_else(|| damaged("another number of words, or one that is none".to_owned()))?;
+            .ok_or_else(|| damaged("another number of words".to_owned()))?;
         let raw = |name, columns| {
             file.raw(name, "U8", Some(columns))
                 .map_err(PlaceError::Index)
@@ -325,9 +322,7 @@ impl PlaceIndex {
             looks.push(Looks { ends, codes });
         }
         if looks.len() != rooms.len() || !codes.is_empty() {
-            return Err(damaged(
-                "another number of landmarks than is said".to_owned(),
-            ));
+            return Err(damaged("another number of landmarks".to_owned()));
         }
         Ok(Self {
             code: SignCode { mean },

@@ -299,8 +299,8 @@ impl PlaceIndex {
         };
         let mean = take(MEAN, &[mean_len])?;
         let centres = take(CENTRES, &[NUM_NODES, CODE_BITS])?;
-        let words = Words::from_centres(&centres)
-            .ok_or_else(|| damaged("another number of words".to_owned()))?;
+        let unlike = || damaged("counts that differ".to_owned());
+        let words = Words::from_centres(&centres).ok_or_else(unlike)?;
         let raw = |name, columns| {
             file.raw(name, "U8", Some(columns))
                 .map_err(PlaceError::Index)
@@ -322,7 +322,7 @@ impl PlaceIndex {
             looks.push(Looks { ends, codes });
         }
         if looks.len() != rooms.len() || !codes.is_empty() {
-            return Err(damaged("another number of landmarks".to_owned()));
+            return Err(unlike());
         }
         Ok(Self {
             code: SignCode { mean },

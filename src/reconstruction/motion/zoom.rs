@@ -126,10 +126,10 @@ impl Stretch {
 
     /// Both as one, each weighted by what it knows.
     fn join(mut self, other: Self) -> Self {
-        let [own, its] = [&self, &other].map(|s| (s.sigma_ln * s.sigma_ln).recip());
+        let [own, its] = [&self, &other].map(|s| 1.0 / (s.sigma_ln * s.sigma_ln));
         let sum = own + its;
         self.focal_px *= exp(its / sum * ln(other.focal_px / self.focal_px));
-        self.sigma_ln = sum.sqrt().recip();
+        self.sigma_ln = 1.0 / sum.sqrt();
         self.pictures.extend(other.pictures);
         self
     }

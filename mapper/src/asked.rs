@@ -10,6 +10,7 @@ use landline::relocalizer::{Outcome, Relocalizer};
 use landline::scene_file::ExtractorFile;
 use landline::session::SessionQuery;
 use std::fmt::Write as _;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -146,14 +147,18 @@ impl Asking {
         })
     }
 
-    /// Asks with pictures of known rooms, each for itself, and says how often the room was right. `twins` are pairs
-    /// `ROOM=ROOM` that may be taken for each other in the ranking.
+    /// Asks with pictures of known rooms, each for itself, and writes how often the room was right, a line when a room is done.
+    /// `twins` are pairs `ROOM=ROOM` that may be taken for each other in the ranking.
     ///
     /// # Errors
-    /// When a picture cannot be read, or a room does not exist.
-    pub fn evaluate(&mut self, asked: &RoomPictures, twins: &[String]) -> Result<String> {
+    /// When a picture cannot be read, a room does not exist, or nothing can be written.
+    pub fn evaluate(
+        &mut self,
+        asked: &RoomPictures,
+        twins: &[String],
+        out: &mut dyn Write,
+    ) -> Result<()> {
         let mut all = Tally::default();
-        let mut out = String::new();
         for (name, pictures) in &asked.rooms {
             let truth = self.files.manifest.position(name);
             let truth = truth.with_context(|| format!("there is no room {name:?}"))?;
@@ -167,6 +172,7 @@ impl Asking {
             let own: Vec<usize> = std::iter::once(truth).chain(twin).collect();
             let tally = self.evaluate_room(truth, &own, pictures)?;
             writeln!(out, "{name}: {tally}")?;
+            out.flush()?;
             all.add(&tally);
         }
         writeln!(out, "all: {all}")?;
@@ -181,7 +187,7 @@ impl Asking {
             median(&mut all.next_ms),
             median(&mut all.alone_ms),
         )?;
-        Ok(out)
+        Ok(())
     }
 
     /// `own` are the rooms that count as right in the ranking: the true one, and its twins.

@@ -161,8 +161,7 @@ pub fn run(args: Args) -> Result<()> {
         } => {
             let pictures = RoomPictures::of_folder(&asked)?;
             let mut asking = Asking::new(PlaceFiles::read(&place)?, extractor.read()?)?;
-            print!("{}", asking.evaluate(&pictures, &twins)?);
-            Ok(())
+            asking.evaluate(&pictures, &twins, &mut std::io::stdout().lock())
         }
     }
 }

@@ -8,7 +8,7 @@
 //!   frame make it ambiguous. Afterwards the room stays as long as it answers.
 //! * **Invariants**: deterministic; the same ranking natively and in wasm. Nothing is read: scenes that are wanted are named,
 //!   and the caller brings them.
-//! * **Cost**: in a room that is known what the scene alone costs; else the ranking, below a millisecond, and a solution for
+//! * **Cost**: in a room that is known what the scene alone costs; else the ranking, about a millisecond, and a solution for
 //!   each candidate.
 
 mod claim;

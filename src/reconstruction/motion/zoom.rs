@@ -135,8 +135,8 @@ impl Stretch {
     }
 }
 
-/// A piece's pictures of a camera group by their focal lengths that last, that of most pictures first, and those between; `None` where
-/// they are too few or nothing is determined.
+/// A piece's pictures of a camera group by their focal lengths that last, that of most pictures first, and those between; `None`
+/// where they are too few or nothing is determined.
 fn parts(ground: &Ground<'_>, piece: &Attempt, g: usize) -> Option<(Vec<Stretch>, Vec<usize>)> {
     let coarse = stretches(ground, piece, g, MIN_PICTURES)?;
     let is_one = |a: &Stretch| coarse.iter().all(|b| a.is_same(b, MIN_CHANGE_LN));

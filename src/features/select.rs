@@ -2,6 +2,7 @@
 
 use super::Keypoint;
 use crate::geometry::Pixel;
+use crate::math::order::Best;
 use crate::models::{CELL, ExtractorKind, Selection, SelectionRule};
 
 /// How keypoints are chosen.
@@ -34,6 +35,7 @@ impl KeypointParams {
 #[derive(Debug, Default)]
 pub struct SelectScratch {
     candidates: Vec<Candidate>,
+    best: Best,
     is_max: Vec<bool>,
     suppressed: Vec<bool>,
     masked: Vec<f32>,
@@ -118,23 +120,16 @@ pub fn select_keypoints(
             }
         }
     }
-    // Ties in score are broken by position, so that the same maps always give the same set.
-    let by_score = |a: &Candidate, b: &Candidate| {
-        b.score
-            .total_cmp(&a.score)
-            .then((a.y, a.x).cmp(&(b.y, b.x)))
-    };
-    if params.max_keypoints == 0 {
-        candidates.clear();
-    } else if candidates.len() > params.max_keypoints {
-        candidates.select_nth_unstable_by(params.max_keypoints - 1, by_score);
-        candidates.truncate(params.max_keypoints);
-    }
-    candidates.sort_unstable_by_key(|c| (c.y, c.x));
+    // They stand row by row: of equal scores the upper left ones stay, so that the same maps always give the same set.
+    let scores = (0..).zip(candidates.iter().map(|c| c.score));
+    scratch.best.choose(params.max_keypoints, scores);
+    let kept = (0..)
+        .zip(&candidates)
+        .filter(|(i, c)| scratch.best.keeps(*i, c.score));
 
     let (sx, sy) = selection.picture_per_map(picture, inner);
     out.clear();
-    out.extend(candidates.iter().map(|c| Keypoint {
+    out.extend(kept.map(|(_, c)| Keypoint {
         pixel: Pixel::new((c.x as f64 + 0.5) * sx, (c.y as f64 + 0.5) * sy),
         score: c.score,
     }));

@@ -3,6 +3,7 @@
 use super::code::SignCode;
 use super::table::{LandmarkError, LandmarkTable, NO_CLUSTER, PositionGrid};
 use super::view::ViewCone;
+use crate::math::order::sort_by_key;
 use crate::math::stats::quantile_in_place;
 use nalgebra::Vector3;
 
@@ -178,7 +179,7 @@ fn clusters(num_views: usize, seen: &[&[u32]]) -> (Vec<u8>, usize) {
         let mut others: Vec<usize> = (first + 1..num_views)
             .filter(|v| cluster_of_view[*v] == NO_CLUSTER && shared[*v] > 0)
             .collect();
-        others.sort_by_key(|v| (core::cmp::Reverse(shared[*v]), *v));
+        sort_by_key(&mut others, |v| core::cmp::Reverse(shared[*v]));
         others.truncate(size - 1);
         cluster_of_view[first] = num;
         for view in others {

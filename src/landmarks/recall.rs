@@ -10,6 +10,7 @@ use super::code::{CODE_BITS, similarity};
 use super::guided::{LEAST_SIMILARITY, NO_MATCH, belief};
 use super::table::NO_CLUSTER;
 use crate::features::FeatureSet;
+use crate::math::order::sort_by_in;
 use crate::pose::PointCorrespondence;
 
 /// Clusters that win.
@@ -58,7 +59,9 @@ impl Votes {
             }
         }
         let winners = &mut self.votes;
-        winners.sort_unstable_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(&b.1)));
+        sort_by_in(winners, &mut self.chosen, |a, b| {
+            b.0.cmp(&a.0).then(a.1.cmp(&b.1))
+        });
         winners.truncate(WINNERS);
         winners.retain(|(votes, _)| *votes > 0);
         let has_won = |clusters: &[u8; 2]| winners.iter().any(|(_, c)| clusters.contains(c));

@@ -5,6 +5,7 @@
 //! and no third segment crosses the gap. The choice of the thresholds is ours.
 
 use crate::geometry::{Pixel, Segment2};
+use crate::math::order::{sort_by, sort_by_key};
 use std::collections::HashMap;
 
 /// When two segments are fragments of one line.
@@ -46,7 +47,7 @@ pub struct Merged {
 pub fn merge_collinear(segments: &[Segment2], params: &MergeParams) -> Vec<Merged> {
     let lengths: Vec<f64> = segments.iter().map(Segment2::length_px).collect();
     let mut by_length: Vec<usize> = (0..segments.len()).collect();
-    by_length.sort_by(|&a, &b| lengths[b].total_cmp(&lengths[a]).then(a.cmp(&b)));
+    sort_by(&mut by_length, |&a, &b| lengths[b].total_cmp(&lengths[a]));
     let ends = EndGrid::new(segments);
     let min_cos = libm::cos(params.max_angle_deg.to_radians());
 
@@ -70,7 +71,7 @@ pub fn merge_collinear(segments: &[Segment2], params: &MergeParams) -> Vec<Merge
         }
         merged.push(joined);
     }
-    merged.sort_by_key(|m| m.pieces[0]);
+    sort_by_key(&mut merged, |m| m.pieces[0]);
     merged
 }
 

@@ -4,7 +4,7 @@
 
 use super::merge::{MergeParams, merge_collinear};
 use crate::geometry::Segment2;
-use core::cmp::Ordering;
+use crate::math::order::{sort_by, sort_by_key};
 
 /// More segments than a picture of VGA size ever has; bounds the work that follows.
 pub const DEFAULT_MAX_COUNT: usize = 3000;
@@ -88,14 +88,9 @@ pub fn keep_top(segments: &mut Vec<Segment2>, max_count: usize, rank: Rank) {
         Rank::Significance => s.neg_log10_nfa,
     };
     let mut ranked: Vec<(f64, usize)> = segments.iter().map(value).zip(0..).collect();
-    let better = |a: &(f64, usize), b: &(f64, usize)| -> Ordering {
-        b.0.total_cmp(&a.0).then(a.1.cmp(&b.1))
-    };
-    if max_count > 0 {
-        ranked.select_nth_unstable_by(max_count - 1, better);
-    }
+    sort_by(&mut ranked, |a, b| b.0.total_cmp(&a.0));
     ranked.truncate(max_count);
-    ranked.sort_unstable_by_key(|r| r.1);
+    sort_by_key(&mut ranked, |r| r.1);
     for (place, (_, index)) in ranked.into_iter().enumerate() {
         segments.swap(place, index);
     }

@@ -5,6 +5,7 @@ use super::keyframes::{Exposure, KeyframeChoice, KeyframeParams, Verdict};
 use super::scene::{Origin, SceneRequest};
 use crate::features::FeatureSet;
 use crate::geometry::{CamFromWorld, Camera, Pixel, Units};
+use crate::math::order::sort_by;
 use crate::math::stats::median_in_place;
 use crate::reconstruction::motion::CameraGroup;
 use crate::reconstruction::{Observer, View};
@@ -288,7 +289,7 @@ impl Film {
                 }
             }
         }
-        near.sort_by(|x, y| x.0.total_cmp(&y.0));
+        sort_by(&mut near, |x, y| x.0.total_cmp(&y.0));
         near.truncate(3);
         let depth = median_in_place(&mut near.iter().map(|n| n.1).collect::<Vec<f64>>());
         let bearing = camera.bearing_from_pixel(pixel).filter(|b| b.z > 1e-6);

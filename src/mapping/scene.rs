@@ -4,6 +4,7 @@ use crate::geometry::{Camera, SceneScale};
 use crate::landmarks::LandmarkError;
 use crate::landmarks::anchors::{line_anchors, point_anchors};
 use crate::landmarks::from_map::{Budget, table};
+use crate::math::order::sort_by_key;
 use crate::models::landmarks::untrained;
 use crate::models::{
     ExtractorKind, LineBranchConfig, ModelError, PointBranchConfig, Preset, RegressorConfig,
@@ -202,7 +203,7 @@ fn cameras_of(views: &[View]) -> Vec<Camera> {
             None => cameras.push((view.camera, 1)),
         }
     }
-    cameras.sort_by_key(|(_, count)| Reverse(*count));
+    sort_by_key(&mut cameras, |(_, count)| Reverse(*count));
     cameras.into_iter().map(|(camera, _)| camera).collect()
 }
 

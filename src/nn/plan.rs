@@ -3,6 +3,7 @@
 //! Liveness over the list of operations, then largest value first into the smallest gap that fits.
 
 use super::graph::Graph;
+use crate::math::order::sort_by_key;
 
 /// Values start at multiples of this many numbers (one cache line).
 pub const ALIGNMENT: usize = 16;
@@ -39,7 +40,7 @@ impl Plan {
             .collect();
         let lives = lifetimes(graph);
         let mut order: Vec<usize> = (0..sizes.len()).collect();
-        order.sort_by_key(|&value| (std::cmp::Reverse(sizes[value]), value));
+        sort_by_key(&mut order, |&value| std::cmp::Reverse(sizes[value]));
         let mut offsets = vec![0; sizes.len()];
         let mut placed: Vec<usize> = Vec::new();
         let mut arena_len = 0;

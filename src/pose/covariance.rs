@@ -96,7 +96,7 @@ const FLAT: f64 = 1e-5;
 pub(super) fn of_input(problem: &Problem) -> Option<Degeneracy> {
     let sorted = |m: Matrix3<f64>| {
         let mut values = m.symmetric_eigenvalues();
-        values.as_mut_slice().sort_by(f64::total_cmp);
+        values.as_mut_slice().sort_unstable_by(f64::total_cmp);
         values
     };
     let count = problem.points.len().max(1) as f64;
@@ -145,7 +145,7 @@ fn name(problem: &Problem, model: &Model, (max_point, max_line): (f64, f64)) -> 
         mean /= count;
         let spread = moment / count - mean * mean.transpose();
         let mut values = spread.symmetric_eigenvalues();
-        values.as_mut_slice().sort_by(f64::total_cmp);
+        values.as_mut_slice().sort_unstable_by(f64::total_cmp);
         if values[1] < 1e-3 * values[2] {
             return Degeneracy::Collinear;
         }

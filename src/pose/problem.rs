@@ -3,11 +3,12 @@
 //! World coordinates are shifted by the weighted median and divided by the median distance from it, so that neither map
 //! coordinates of 1e6 m nor a scene in millimetres cost accuracy. Pixels are undistorted and counted from the principal point.
 
-use super::budget_cap::{Cap, room};
+use super::budget_cap::{room, scattered};
 use super::options::PoseOptions;
 use super::types::{LineCorrespondence, PointCorrespondence};
 use crate::geometry::{CamFromWorld, Camera, Pixel};
 use crate::math::elementary::{exp, ln, logistic, logit};
+use crate::math::order::{Best, sort_by_in, sort_indices};
 use crate::math::stats::{median_in_place, weighted_median_in_place};
 use core::cmp::Ordering;
 use nalgebra::{Matrix3, Vector2, Vector3};
@@ -136,7 +137,7 @@ pub(super) struct Problem {
     pairs: Vec<(f64, f64)>,
     distances: Vec<f64>,
     order: Vec<u32>,
-    cap: Cap,
+    cap: Best,
 }
 
 /// Correspondences with the same pixels are alternatives: a keypoint shows one thing. Given that, the prior of each is its share
@@ -154,7 +155,9 @@ fn find_alternatives<T, const N: usize>(
         let pairs = key(a).into_iter().zip(key(b));
         pairs.fold(Ordering::Equal, |o, (x, y)| o.then(x.total_cmp(&y)))
     };
-    order.sort_unstable_by(|a, b| compare(&items[*a as usize], &items[*b as usize]));
+    sort_indices(order, &mut |a, b| {
+        compare(&items[a as usize], &items[b as usize])
+    });
     let mut rest = order.as_slice();
     while let Some(first) = rest.first() {
         let is_same = |i: &&u32| compare(&items[**i as usize], &items[*first as usize]).is_eq();
@@ -220,7 +223,7 @@ fn weighed<'a, T>(
 ) -> impl Iterator<Item = (u32, f32)> + 'a {
     let counts = move |(_, item): &(usize, &T)| is_usable(item) && confidence(item) > 0.0;
     let all = items.iter().enumerate().filter(counts);
-    all.map(move |(i, item)| (i as u32, confidence(item)))
+    all.map(move |(i, item)| (scattered(i as u32), confidence(item)))
 }
 
 impl Problem {
@@ -264,7 +267,7 @@ impl Problem {
         };
         if points.len() > room {
             let usable = weighed(points, is_usable_point, |p| p.confidence);
-            self.num_left_out += self.cap.choose(room, usable);
+            self.num_left_out += self.cap.choose(room, usable) as u32;
         }
         let are_all_points_kept = points.len() <= room;
         for (i, p) in points.iter().enumerate() {
@@ -274,7 +277,7 @@ impl Problem {
             }
             // A confidence of exactly zero takes the correspondence out.
             if p.confidence == 0.0
-                || !(are_all_points_kept || self.cap.keeps(i as u32, p.confidence))
+                || !(are_all_points_kept || self.cap.keeps(scattered(i as u32), p.confidence))
             {
                 continue;
             }
@@ -293,7 +296,7 @@ impl Problem {
         }
         if lines.len() > room {
             let usable = weighed(lines, is_usable_line, |l| l.confidence);
-            self.num_left_out += self.cap.choose(room, usable);
+            self.num_left_out += self.cap.choose(room, usable) as u32;
         }
         let are_all_lines_kept = lines.len() <= room;
         for (i, l) in lines.iter().enumerate() {
@@ -302,7 +305,7 @@ impl Problem {
                 continue;
             }
             if l.confidence == 0.0
-                || !(are_all_lines_kept || self.cap.keeps(i as u32, l.confidence))
+                || !(are_all_lines_kept || self.cap.keeps(scattered(i as u32), l.confidence))
             {
                 continue;
             }
@@ -349,17 +352,17 @@ impl Problem {
             .count();
         self.alternative_share = with_others as f64 / self.len().max(1) as f64;
         self.normalize();
-        // The stable sort would allocate. Equal beliefs are scattered, because what stands first is looked at first and should
-        // not be one structure of the scene.
-        let order = |a: (&Belief, u32), b: (&Belief, u32)| {
-            let scattered = |source: u32| source.wrapping_mul(0x9e37_79b9);
+        // Equal beliefs are scattered, because what stands first is looked at first and should not be one structure of the scene.
+        let by_belief = |a: (&Belief, u32), b: (&Belief, u32)| {
             let by_belief = b.0.logit.total_cmp(&a.0.logit);
             by_belief.then(scattered(a.1).cmp(&scattered(b.1)))
         };
-        self.points
-            .sort_unstable_by(|a, b| order((&a.belief, a.source), (&b.belief, b.source)));
-        self.lines
-            .sort_unstable_by(|a, b| order((&a.belief, a.source), (&b.belief, b.source)));
+        sort_by_in(&mut self.points, &mut self.order, |a, b| {
+            by_belief((&a.belief, a.source), (&b.belief, b.source))
+        });
+        sort_by_in(&mut self.lines, &mut self.order, |a, b| {
+            by_belief((&a.belief, a.source), (&b.belief, b.source))
+        });
     }
 
     /// The same correspondences in a world that is reflected at its centre.

@@ -15,6 +15,7 @@ use super::types::{
 use super::watch::Watch;
 use crate::geometry::{CamFromWorld, Camera};
 use crate::math::elementary::ln;
+use crate::math::order::sort_by_in;
 
 /// Kept models whose ranking falls below this share of the best are not worth a final refinement.
 const FINALIST_SHARE: f32 = 0.5;
@@ -66,6 +67,7 @@ pub struct PoseScratch {
     search: Search,
     mirror: Mirror,
     finalists: Vec<Finalist>,
+    order: Vec<u32>,
     inliers: Inliers,
     point_posteriors: Vec<f32>,
     line_posteriors: Vec<f32>,
@@ -374,7 +376,7 @@ fn refine_finalists(
         let fixed = if is_estimated { f.ranking } else { 0.0 };
         f.refined.log_ratio + f64::from(fixed)
     };
-    scratch.finalists.sort_unstable_by(|a, b| {
+    sort_by_in(&mut scratch.finalists, &mut scratch.order, |a, b| {
         is_contender(b)
             .cmp(&is_contender(a))
             .then(evidence(b).total_cmp(&evidence(a)))

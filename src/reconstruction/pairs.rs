@@ -7,6 +7,7 @@ use super::matching::{MatchParams, match_pairs};
 use super::{PosedView, planar_from_pixel};
 use crate::geometry::Pixel;
 use crate::math::elementary;
+use crate::math::order::sort_by;
 use crate::math::stats::median_in_place;
 use nalgebra::Vector3;
 
@@ -110,7 +111,7 @@ pub fn probe_depth(views: &[PosedView<'_>], num_pairs: usize, params: &MatchPara
             .filter(|(_, _, cos)| *cos > 0.94)
             .map(|(distance, j, _)| (distance, j))
             .collect();
-        near.sort_by(|a, b| a.0.total_cmp(&b.0));
+        sort_by(&mut near, |a, b| a.0.total_cmp(&b.0));
         near.truncate(24);
         if let Some((_, j)) = near.last() {
             chosen.push((i.min(*j), i.max(*j)));
@@ -166,7 +167,7 @@ pub fn choose_pairs(
     }
     let mut pairs = Vec::new();
     for (i, list) in partners.iter_mut().enumerate() {
-        list.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        sort_by(list, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let nearest = params.partners / 3;
         let mut chosen: Vec<usize> = list.iter().take(nearest).map(|(_, j)| *j).collect();
         let rest = list.get(nearest..).unwrap_or_default();

@@ -4,7 +4,9 @@ use super::matching::Match;
 use super::track::{describe_points, point_descriptor};
 use super::triangulate::{Bundle, Ray};
 use super::{Observation, PointTrack, PosedView, Stage, Watch};
+use crate::math::order::sort_by;
 use crate::math::{Rng, elementary, parallel};
+use core::cmp::Ordering;
 use nalgebra::Vector3;
 use std::collections::HashSet;
 
@@ -57,7 +59,7 @@ pub async fn build_point_tracks(
         .iter()
         .map(|m| (nodes.of(m.a), nodes.of(m.b), m.cosine))
         .collect();
-    edges.sort_unstable_by(|x, y| y.2.total_cmp(&x.2).then((x.0, x.1).cmp(&(y.0, y.1))));
+    edges.sort_unstable_by(nearest_first);
     let components = join(&nodes, &edges);
     // Half of the work, then a step for each round and one for the projection.
     let steps = params.rounds + 1;
@@ -150,6 +152,11 @@ pub(super) fn root(parent: &mut [u32], mut node: u32) -> u32 {
         node = up;
     }
     node
+}
+
+/// Orders matches (first, second, cosine): the most alike first.
+pub(super) fn nearest_first(x: &(u32, u32, f32), y: &(u32, u32, f32)) -> Ordering {
+    y.2.total_cmp(&x.2).then((x.0, x.1).cmp(&(y.0, y.1)))
 }
 
 /// Joins matched keypoints, best match first, unless the two sets already hold keypoints of one view.
@@ -475,7 +482,7 @@ fn by_projection(
             .collect()
     });
     let mut found: Vec<(u32, u32, u32, f32)> = found.into_iter().flatten().collect();
-    found.sort_unstable_by(|x, y| {
+    sort_by(&mut found, |x, y| {
         y.3.total_cmp(&x.3)
             .then((x.0, x.1, x.2).cmp(&(y.0, y.1, y.2)))
     });

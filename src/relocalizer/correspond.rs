@@ -2,6 +2,7 @@
 
 use super::options::LiveOptions;
 use crate::features::FeatureSet;
+use crate::math::order::Best;
 use crate::pose::{LineCorrespondence, PointCorrespondence};
 use crate::regress::Predictions;
 
@@ -13,16 +14,20 @@ pub fn correspondences(
     features: &FeatureSet,
     predictions: &Predictions,
     options: &LiveOptions,
-    order: &mut Vec<(f32, usize)>,
+    best: &mut Best,
     out_points: &mut Vec<PointCorrespondence>,
     out_lines: &mut Vec<LineCorrespondence>,
 ) {
-    let confidences = predictions.points.iter().map(|p| p.confidence);
-    most_confident(confidences, options.max_points, order);
+    let points = predictions.points.iter();
+    let confidences = (0..).zip(points.clone().map(|p| p.confidence));
+    best.choose(options.max_points, confidences);
     out_points.clear();
-    out_points.extend(order.iter().filter_map(|&(_, k)| {
-        let p = predictions.points.get(k)?;
-        let keypoint = features.keypoints.get(*predictions.point_rows.get(k)?)?;
+    let of_rows = (0..).zip(points.zip(&predictions.point_rows));
+    out_points.extend(of_rows.filter_map(|(k, (p, row))| {
+        let keypoint = features
+            .keypoints
+            .get(*row)
+            .filter(|_| best.keeps(k, p.confidence))?;
         Some(PointCorrespondence {
             pixel: keypoint.pixel,
             point_in_world: p.point_in_world,
@@ -31,12 +36,16 @@ pub fn correspondences(
             sigma_px: 0.0,
         })
     }));
-    let confidences = predictions.segments.iter().map(|s| s.confidence);
-    most_confident(confidences, options.max_lines, order);
+    let segments = predictions.segments.iter();
+    let confidences = (0..).zip(segments.clone().map(|s| s.confidence));
+    best.choose(options.max_lines, confidences);
     out_lines.clear();
-    out_lines.extend(order.iter().filter_map(|&(_, k)| {
-        let s = predictions.segments.get(k)?;
-        let seen = features.segments.get(*predictions.segment_rows.get(k)?)?;
+    let of_rows = (0..).zip(segments.zip(&predictions.segment_rows));
+    out_lines.extend(of_rows.filter_map(|(k, (s, row))| {
+        let seen = features
+            .segments
+            .get(*row)
+            .filter(|_| best.keeps(k, s.confidence))?;
         Some(LineCorrespondence {
             start: seen.start,
             end: seen.end,
@@ -47,37 +56,4 @@ pub fn correspondences(
             sigma_px: 0.0,
         })
     }));
-}
-
-/// Fills `order` with the `most` most confident and their indices, ascending by index; of equals the first are kept.
-pub fn most_confident(
-    confidences: impl Iterator<Item = f32>,
-    most: usize,
-    order: &mut Vec<(f32, usize)>,
-) {
-    order.clear();
-    order.extend(confidences.zip(0..));
-    if order.len() > most {
-        order.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        order.truncate(most);
-        order.sort_unstable_by_key(|&(_, k)| k);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn keeps_the_most_confident_in_order() {
-        let mut order = Vec::new();
-        let chosen = |most, order: &mut Vec<(f32, usize)>| {
-            most_confident([0.2, 0.9, 0.5, 0.5, 0.1].into_iter(), most, order);
-            order.iter().map(|o| o.1).collect::<Vec<_>>()
-        };
-        assert_eq!(chosen(9, &mut order), [0, 1, 2, 3, 4]);
-        assert_eq!(chosen(2, &mut order), [1, 2]);
-        assert_eq!(chosen(4, &mut order), [0, 1, 2, 3]);
-        assert!(chosen(0, &mut order).is_empty());
-    }
 }

@@ -2,6 +2,7 @@
 
 use super::Relocalizer;
 use crate::geometry::Segment2;
+use crate::math::stats::median_in_place;
 use crate::pose::{LineCorrespondence, PointCorrespondence};
 
 impl Relocalizer {
@@ -55,24 +56,18 @@ impl Relocalizer {
             .zip(&self.is_point_inlier);
         let lines = self.pose.line_errors_px().iter().zip(&self.is_line_inlier);
         self.errors_px.clear();
-        self.errors_px
-            .extend(points.filter(|(_, is_inlier)| **is_inlier).map(|(e, _)| *e));
+        self.errors_px.extend(
+            points
+                .filter(|(_, is_inlier)| **is_inlier)
+                .map(|(e, _)| f64::from(*e)),
+        );
         // A line has an error at each end; their mean is comparable with a point's.
         self.errors_px.extend(
             lines
                 .filter(|(_, is_inlier)| **is_inlier)
-                .map(|([a, b], _)| 0.5 * (a + b)),
+                .map(|([a, b], _)| f64::from(0.5 * (a + b))),
         );
-        if self.errors_px.is_empty() {
-            return 0.0;
-        }
-        let middle = self.errors_px.len() / 2;
-        f64::from(
-            *self
-                .errors_px
-                .select_nth_unstable_by(middle, f32::total_cmp)
-                .1,
-        )
+        median_in_place(&mut self.errors_px).unwrap_or(0.0)
     }
 }
 

@@ -35,7 +35,7 @@ mod start;
 mod steps;
 mod timings;
 
-pub use correspond::{correspondences, most_confident};
+pub use correspond::correspondences;
 #[cfg(feature = "webgpu")]
 pub use device::Device;
 pub use error::{CreateError, LocateError};
@@ -50,6 +50,7 @@ pub use timings::StageTimings;
 use crate::features::FeatureSet;
 use crate::front_end::FrontEnd;
 use crate::geometry::WorkingFromSensor;
+use crate::math::order::Best;
 use crate::pose::{LineCorrespondence, PointCorrespondence, PoseScratch};
 use crate::regress::Predictions;
 use crate::scene_file::{ExtractorFile, SceneFile, SceneInfo};
@@ -63,12 +64,12 @@ pub struct Relocalizer {
     predictions: Predictions,
     /// Whether they are of the scene and of the frame that was observed last.
     has_predicted: bool,
-    order: Vec<(f32, usize)>,
+    most_confident: Best,
     points: Vec<PointCorrespondence>,
     lines: Vec<LineCorrespondence>,
     is_point_inlier: Vec<bool>,
     is_line_inlier: Vec<bool>,
-    errors_px: Vec<f32>,
+    errors_px: Vec<f64>,
     pose: PoseScratch,
     /// Of the frame that was answered last; the front end may hold a later one already.
     working_from_sensor: WorkingFromSensor,
@@ -128,7 +129,7 @@ impl Relocalizer {
             front_end,
             predictions: Predictions::default(),
             has_predicted: false,
-            order: Vec::new(),
+            most_confident: Best::default(),
             points: Vec::new(),
             lines: Vec::new(),
             is_point_inlier: Vec::new(),

@@ -365,7 +365,7 @@ impl Relocalizer {
             features,
             &self.predictions,
             &self.options.live,
-            &mut self.order,
+            &mut self.most_confident,
             &mut self.points,
             &mut self.lines,
         );

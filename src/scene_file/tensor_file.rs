@@ -7,6 +7,7 @@
 //! Cost of reading: the header only; tensors are copied when they are taken.
 
 use super::SceneFileError;
+use crate::math::order::sort_by;
 use crate::nn::{WeightTensor, Weights};
 use half::f16;
 use safetensors::{Dtype, SafeTensors};
@@ -119,7 +120,7 @@ impl<'a> TensorFile<'a> {
             .iter()
             .map(|(name, view)| (name, view.dtype().to_string(), view.shape().to_vec()))
             .collect();
-        out.sort();
+        sort_by(&mut out, |a, b| a.0.cmp(b.0));
         out
     }
 
@@ -360,7 +361,9 @@ pub(crate) fn serialize_with(
         "F16" | "U16" => 1,
         _ => 2,
     };
-    blobs.sort_by(|a, b| (rank(a.1.dtype), &a.0).cmp(&(rank(b.1.dtype), &b.0)));
+    sort_by(&mut blobs, |a, b| {
+        (rank(a.1.dtype), &a.0).cmp(&(rank(b.1.dtype), &b.0))
+    });
 
     let mut header = serde_json::Map::new();
     if !metadata.is_empty() {

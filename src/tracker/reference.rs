@@ -7,6 +7,7 @@ use super::pyramid::Pyramid;
 use crate::geometry::{CamFromWorld, Camera, Pixel};
 use crate::pose::{LineCorrespondence, PointCorrespondence};
 use crate::simd::Level;
+use core::cmp::Ordering;
 use nalgebra::{Matrix6, Vector3};
 
 /// From a point to its neighbours that tell how the picture around it is distorted, in pixels.
@@ -54,6 +55,12 @@ struct Candidate {
     cell: usize,
     /// How well it can be tracked.
     worth: f32,
+}
+
+/// Cell by cell, the best of each first.
+fn in_cell_by_worth(a: &Candidate, b: &Candidate) -> Ordering {
+    let by_worth = a.cell.cmp(&b.cell).then(b.worth.total_cmp(&a.worth));
+    by_worth.then(a.source.cmp(&b.source))
 }
 
 /// The keyframe.
@@ -156,12 +163,7 @@ impl Reference {
                 });
             }
         }
-        self.candidates.sort_unstable_by(|a, b| {
-            a.cell
-                .cmp(&b.cell)
-                .then(b.worth.total_cmp(&a.worth))
-                .then(a.source.cmp(&b.source))
-        });
+        self.candidates.sort_unstable_by(in_cell_by_worth);
         // The rank within its cell decides, then the worth.
         let mut rank = 0;
         let mut last_cell = usize::MAX;
@@ -174,12 +176,7 @@ impl Reference {
             last_cell = candidate.cell;
             candidate.cell = rank;
         }
-        self.candidates.sort_unstable_by(|a, b| {
-            a.cell
-                .cmp(&b.cell)
-                .then(b.worth.total_cmp(&a.worth))
-                .then(a.source.cmp(&b.source))
-        });
+        self.candidates.sort_unstable_by(in_cell_by_worth);
         self.taken.clear();
         self.taken
             .extend(self.candidates.iter().take(max).map(|c| c.source));

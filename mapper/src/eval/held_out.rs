@@ -3,6 +3,7 @@
 
 use super::{PoseError, solver_options};
 use crate::labels::Labels;
+use landline::math::order::Best;
 use landline::pose::{self, LineCorrespondence, PointCorrespondence, PoseScratch};
 use landline::reconstruction::View;
 use landline::regress::{Predictions, RegressError, Regressor};
@@ -52,7 +53,7 @@ pub fn held_out(
         most(|v| v.features.segments.len()),
     )?;
     let mut predictions = Predictions::default();
-    let (mut order, mut points, mut lines) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut best, mut points, mut lines) = (Best::default(), Vec::new(), Vec::new());
     let mut errors = Vec::with_capacity(views.len());
     for view in views {
         regressor.run(&view.features, &mut predictions)?;
@@ -60,7 +61,7 @@ pub fn held_out(
             &view.features,
             &predictions,
             &options,
-            &mut order,
+            &mut best,
             &mut points,
             &mut lines,
         );

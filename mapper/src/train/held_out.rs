@@ -4,9 +4,10 @@ use super::buffer::{Buffer, Kind};
 use super::session::{Predicted, Session};
 use crate::eval::{PoseError, pose_error};
 use crate::labels::{Labelled, Labels, Targets};
+use landline::math::order::Best;
 use landline::math::stats::median_in_place;
 use landline::pose::{LineCorrespondence, PointCorrespondence};
-use landline::relocalizer::{LiveOptions, most_confident};
+use landline::relocalizer::LiveOptions;
 use landline::scene_file::HeldOut;
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -91,9 +92,11 @@ fn chosen_rows(kind: Kind, p: &Predicted) -> Vec<usize> {
         Kind::Points => options.max_points,
         Kind::Segments => options.max_lines,
     };
-    let mut order = Vec::new();
-    most_confident(p.confidence.iter().copied(), most, &mut order);
-    order.into_iter().map(|(_, k)| k).collect()
+    let mut best = Best::default();
+    let confidences = (0..).zip(p.confidence.iter().copied());
+    best.choose(most, confidences.clone());
+    let kept = confidences.filter(|(k, c)| best.keeps(*k, *c));
+    kept.map(|(k, _)| k as usize).collect()
 }
 
 fn solve(

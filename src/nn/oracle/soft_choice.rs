@@ -32,7 +32,8 @@ pub(super) fn soft_choice(
             })
             .collect();
         let mut ranked = similarities;
-        ranked.sort_by(|a, b| b.total_cmp(a));
+        ranked.sort_unstable_by(f64::total_cmp);
+        ranked.reverse();
         let (best, second) = (ranked[0], *ranked.get(1).unwrap_or(&ranked[0]));
         let entropy: f64 = weights
             .iter()

@@ -6,6 +6,7 @@ use super::super::{LineTrack, Observation, PosedView};
 use super::LineParams;
 use super::fit::settle;
 use super::world_line::{WorldLine, covered, line_error_px, line_of, line_through, project};
+use crate::math::order::sort_by_key;
 use crate::math::parallel;
 use nalgebra::Vector3;
 
@@ -16,7 +17,7 @@ pub(super) fn merge(
     mut tracks: Vec<LineTrack>,
     params: &LineParams,
 ) -> Vec<LineTrack> {
-    tracks.sort_by_key(|t| std::cmp::Reverse(t.observations.len()));
+    sort_by_key(&mut tracks, |t| std::cmp::Reverse(t.observations.len()));
     let mut merged: Vec<LineTrack> = Vec::new();
     for track in tracks {
         let mut taken = false;

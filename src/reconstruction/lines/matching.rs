@@ -6,6 +6,7 @@ use super::super::{Observation, PosedView};
 use super::LineParams;
 use super::world_line::{SegmentPlane, WorldLine, lies_in_front, segment_plane};
 use crate::math::elementary;
+use crate::math::order::sort_by;
 use nalgebra::{Vector2, Vector3};
 
 /// Two segments that may show the same line.
@@ -156,7 +157,7 @@ pub(super) fn join(views: &[PosedView<'_>], matches: &[SegmentMatch]) -> Vec<Vec
     let mut parent: Vec<u32> = (0..next).collect();
     let mut size = vec![1u32; next as usize];
     let mut sorted = matches.to_vec();
-    sorted.sort_unstable_by(|x, y| {
+    sort_by(&mut sorted, |x, y| {
         y.score
             .total_cmp(&x.score)
             .then((x.a, x.b).cmp(&(y.a, y.b)))

@@ -12,6 +12,7 @@ mod world_line;
 use super::track::describe_lines;
 use super::{LineTrack, PIECE, PosedView, Stage, Watch, planar_from_pixel};
 use crate::geometry::{CamFromWorld, Camera, Segment2};
+use crate::math::order::sort_by;
 use crate::math::parallel;
 pub use complete::{KnownLine, assign_segments};
 use matching::SegmentMatch;
@@ -99,7 +100,7 @@ pub fn line_pairs(
     }
     let mut chosen = Vec::new();
     for list in &mut of {
-        list.sort_by(|x, y| x.0.total_cmp(&y.0));
+        sort_by(list, |x, y| x.0.total_cmp(&y.0));
         let n = list.len();
         let wanted = partners.min(n);
         chosen.extend((0..wanted).map(|k| {

@@ -3,6 +3,7 @@
 use super::CameraGroup;
 use super::grow::{Attempt, Ground, NO_TRACK};
 use crate::geometry::{Camera, CameraModel, Pixel};
+use crate::math::order::sort_by_key;
 use crate::reconstruction::bundle::{
     self, BundleCamera, BundleObservation, BundleOptions, BundleProblem, BundleSummary, Intrinsics,
     IntrinsicsPrior, Loss,
@@ -194,7 +195,7 @@ impl Ground<'_> {
             .enumerate()
             .filter_map(|(t, p)| Some((p.as_ref()?.observations.len(), t)))
             .collect();
-        with_points.sort_unstable_by_key(|(len, t)| (core::cmp::Reverse(*len), *t));
+        sort_by_key(&mut with_points, |(len, _)| core::cmp::Reverse(*len));
         let mut have = vec![0usize; attempt.poses.len()];
         let mut chosen = Vec::new();
         for (_, t) in with_points {

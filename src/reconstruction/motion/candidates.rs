@@ -4,6 +4,7 @@
 //! the descriptors that are there already (VLAD, Jégou et al. 2010, with words learned on the set). Small sets: all pairs.
 
 use crate::features::FeatureSet;
+use crate::math::order::sort_by;
 use crate::math::{Rng, parallel};
 
 /// How pairs without poses are chosen.
@@ -75,7 +76,7 @@ fn most_similar(
     for i in 0..n {
         let mut others: Vec<usize> = (0..n).filter(|j| *j != i && may(i, *j)).collect();
         let of = |j: usize| similarity[i * n + j];
-        others.sort_by(|a, b| of(*b).total_cmp(&of(*a)).then(a.cmp(b)));
+        sort_by(&mut others, |a, b| of(*b).total_cmp(&of(*a)));
         let nearest = others.into_iter().take(count);
         pairs.extend(nearest.map(|j| (i.min(j), i.max(j))));
     }

@@ -7,6 +7,7 @@
 use super::MotionParams;
 use super::grow::{Attempt, Ground};
 use crate::geometry::vector_from_rotation;
+use crate::math::order::sort_by_key;
 use crate::math::parallel;
 use crate::math::stats::median_in_place;
 use crate::reconstruction::{TwoViewKind, epipolar_distance, essential};
@@ -139,7 +140,7 @@ pub(super) fn drop_contradicted(ground: &Ground<'_>, attempt: &mut Attempt) -> u
         sizes[*p] += usize::from(attempt.poses[i].is_some());
     }
     let mut parts: Vec<usize> = (0..sizes.len()).filter(|p| sizes[*p] > 0).collect();
-    parts.sort_by_key(|p| (core::cmp::Reverse(sizes[*p]), *p));
+    sort_by_key(&mut parts, |p| core::cmp::Reverse(sizes[*p]));
     let mut is_kept = vec![false; part.len()];
     // A part that was doubtful beside the first may be sure beside more of them.
     let mut waiting = parts.split_off(parts.len().min(1));

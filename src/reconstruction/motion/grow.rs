@@ -9,10 +9,11 @@ use super::{CameraGroup, MotionParams, Picture, VerifiedPair};
 use crate::geometry::{CamFromWorld, Camera};
 use crate::math::Rng;
 use crate::math::elementary::ln;
+use crate::math::order::sort_by_key;
 use crate::math::parallel;
 use crate::math::stats::median_in_place;
 use crate::pose::{self, Focal, PointCorrespondence, PoseOptions, PoseScratch, WorldNoise};
-use crate::reconstruction::points::{Nodes, best_point, join};
+use crate::reconstruction::points::{Nodes, best_point, join, nearest_first};
 use crate::reconstruction::{Bundle, Observation, PointParams, PosedView, TwoView};
 use nalgebra::Vector3;
 
@@ -79,7 +80,7 @@ impl<'a> Ground<'a> {
                 edges.push((a, b, *cosine));
             }
         }
-        edges.sort_unstable_by(|x, y| y.2.total_cmp(&x.2).then((x.0, x.1).cmp(&(y.0, y.1))));
+        edges.sort_unstable_by(nearest_first);
         let tracks = join(&nodes, &edges);
         let mut track_of: Vec<Vec<u32>> = pictures
             .iter()
@@ -281,7 +282,7 @@ impl<'a> Ground<'a> {
                 })
             })
             .collect();
-        found.sort_by_key(|c| (core::cmp::Reverse(c.rank), c.picture));
+        sort_by_key(&mut found, |c| (core::cmp::Reverse(c.rank), c.picture));
         found
     }
 

@@ -15,6 +15,7 @@ use super::{PairMatches, VerifiedPair, verify};
 use crate::features::FeatureSet;
 use crate::geometry::{CamFromWorld, Rigid, Similarity, rotation_from_vector};
 use crate::math::least_squares::{Damping, LeastSquares, Normal, minimize};
+use crate::math::order::sort_by_key;
 use crate::math::stats::median_in_place;
 use crate::math::{elementary, parallel};
 use crate::reconstruction::Watch;
@@ -267,7 +268,7 @@ fn seam(
     }
     let limit = ground.params.max_error_px;
     let mut asked: Vec<&Crossing> = crossings.iter().collect();
-    asked.sort_by_key(|c| core::cmp::Reverse(c.num_own));
+    sort_by_key(&mut asked, |c| core::cmp::Reverse(c.num_own));
     asked.truncate(MAX_ASKED);
     let num_agreeing = |s: &Similarity, limit: f64| -> usize {
         asked.iter().map(|c| c.agreeing(s, limit).len()).sum()
@@ -277,7 +278,9 @@ fn seam(
         let scored = steps.map(|s| (num_agreeing(&s, WIDTHS[1] * limit), s));
         scored.into_iter().max_by_key(|s| s.0)
     });
-    proposals.sort_by_key(|p| core::cmp::Reverse(p.as_ref().map(|p| p.0)));
+    sort_by_key(&mut proposals, |p| {
+        core::cmp::Reverse(p.as_ref().map(|p| p.0))
+    });
     proposals.truncate(MAX_REFINED);
     let refined = parallel::map(proposals.len(), |i| {
         let mut found = proposals[i].as_ref()?.1;
@@ -467,7 +470,7 @@ fn triangulate_anew(ground: &Ground<'_>, piece: &mut Attempt) {
 
 /// Sorts pieces by the number of their pictures.
 pub(super) fn largest_first(pieces: &mut [Attempt]) {
-    pieces.sort_by_key(|p| core::cmp::Reverse(p.num_registered()));
+    sort_by_key(pieces, |p| core::cmp::Reverse(p.num_registered()));
 }
 
 /// Joins what can be joined, the largest first, and lets it grow on; the pairs that then hold, or none when nothing was joined.

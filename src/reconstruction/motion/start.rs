@@ -5,6 +5,7 @@ use super::contradict::drop_contradicted;
 use super::grow::{Attempt, Ground};
 use super::{CameraGroup, MotionParams, PairMatches, Picture, VerifiedPair, verify};
 use crate::geometry::{Camera, CameraModel};
+use crate::math::order::sort_by;
 use crate::reconstruction::{Stage, TwoViewKind, Watch, vote_focal};
 
 /// The camera with another focal length and no distortion; a given model keeps its own.
@@ -82,7 +83,7 @@ pub(super) async fn best_start(
             (p.matches.len() as f64 * fit * fit, p)
         })
         .collect();
-    ranked.sort_by(|x, y| {
+    sort_by(&mut ranked, |x, y| {
         y.0.total_cmp(&x.0)
             .then((x.1.a, x.1.b).cmp(&(y.1.a, y.1.b)))
     });

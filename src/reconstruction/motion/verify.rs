@@ -3,6 +3,7 @@
 use super::Picture;
 use crate::geometry::Camera;
 use crate::math::parallel;
+use crate::reconstruction::points::nearest_first;
 use crate::reconstruction::{
     MutualMatcher, PIECE, Stage, TwoView, TwoViewParams, Uncalibrated, Watch, planar_from_pixel,
     two_view, uncalibrated,
@@ -52,7 +53,7 @@ pub(super) async fn match_candidates(
                 .filter_map(|&(a, b)| {
                     let mut matches: Vec<_> =
                         matcher.matches(pictures[b].features, min_cosine).collect();
-                    matches.sort_by(|x, y| y.2.total_cmp(&x.2).then((x.0, x.1).cmp(&(y.0, y.1))));
+                    matches.sort_unstable_by(nearest_first);
                     (matches.len() >= least).then_some(PairMatches {
                         a: a as u32,
                         b: b as u32,

@@ -7,8 +7,8 @@ use super::tracks::{TrackError, TrackParams, TrackStats, check_poses, line_track
 use crate::geometry::{CamFromWorld, Camera, Units};
 use crate::math::stats::median_in_place;
 use crate::reconstruction::motion::{
-    CameraGroup, LeftOut, MotionError, MotionParams, Picture, RefineParams, match_pictures,
-    reconstruct_motion,
+    CameraGroup, Component, LeftOut, MotionError, MotionParams, Picture, RefineParams, WeakLink,
+    match_pictures, reconstruct_motion,
 };
 use crate::reconstruction::{
     LineTrack, Observer, PointTrack, PosedView, Reconstruction, Stage, View, Watch,
@@ -123,6 +123,8 @@ pub struct FilmMap {
     pub left_out: Vec<(usize, LeftOut)>,
     /// Pieces that the film fell into; the largest is this map. 1 where poses were given.
     pub num_components: usize,
+    /// Where the poses hang together by few points, in keyframes; `None` where they were given.
+    pub weak_link: Option<WeakLink>,
     /// In space.
     pub points: Vec<PointTrack>,
     /// In space.
@@ -141,6 +143,7 @@ struct Posed {
     cam_from_world: Vec<Option<CamFromWorld>>,
     left_out: Vec<(usize, LeftOut)>,
     num_components: usize,
+    weak_link: Option<WeakLink>,
     units: Units,
 }
 
@@ -167,6 +170,7 @@ pub async fn map_film(
             cam_from_world,
             left_out: Vec::new(),
             num_components: 1,
+            weak_link: None,
             units: Units::Metres,
         }
     } else if num_posed == 0 {
@@ -197,6 +201,7 @@ pub async fn map_film(
         cam_from_world: posed.cam_from_world,
         left_out: posed.left_out,
         num_components: posed.num_components,
+        weak_link: posed.weak_link,
         points,
         lines,
         stats,
@@ -228,6 +233,7 @@ async fn poses(
     let matches = match_pictures(&pictures, groups, params, observer).await?;
     let motion = reconstruct_motion(&pictures, groups, &matches, params, observer).await?;
     let num_components = motion.components.len();
+    let weak_link = motion.components.first().and_then(Component::weak_link);
     let left_out = motion.without_pose();
     let largest = motion.components.into_iter().next();
     let largest = largest.filter(|c| c.num_registered() >= MIN_PICTURES);
@@ -242,6 +248,7 @@ async fn poses(
         cam_from_world: largest.cam_from_world,
         left_out,
         num_components,
+        weak_link,
         units: Units::Arbitrary,
     })
 }

@@ -6,8 +6,9 @@ use crate::relocalizer::Report;
 /// Of two rooms that claim a frame, the one of whose visible landmarks so many times as large a share was found again is the right
 /// one: a wrong room shows a part of what it should, the right one nearly all. How many are found tells less, since scenes have
 /// unlike numbers of landmarks. Of 694 pictures of rooms that look alike, where the right room and a wrong one were sure of
-/// themselves, the right one's share was 0.84 of the wrong one's or more, and larger in 98.8 %.
-const CLEAR_GAIN: f64 = 1.25;
+/// themselves, the right one's share was 0.84 of the wrong one's or more, and larger in 98.8 %. Of 276 pictures of rooms that
+/// differ, 1.25 left two in a wrong room, and 1.5 none, with ten fewer of 183 in the right one.
+const CLEAR_GAIN: f64 = 1.5;
 /// Least strength of an answer. Confidence is calibrated in single rooms, and of fifty that share furniture a wrong one may well
 /// be sure of itself: 5 % of right answers are weaker, and 70 to 85 % of wrong ones.
 const LEAST_STRENGTH: f64 = 1.0;

@@ -309,8 +309,8 @@ impl Place {
             let report = self.solve_in(room, &observed, &alone, clock)?;
             // What was found again is calibrated against wrong rooms; agreement alone is not, and the other rooms are asked then. So
             // they are where little was found: through a door a room shows what the next one has as well.
-            let claim = self.claim_of(room, &report).filter(Claim::is_strong);
-            if report.found_again.is_some() && claim.is_some() {
+            let is_sure = Claim::of(room, &report).is_some_and(|claim| self.may_win(&claim));
+            if report.found_again.is_some() && is_sure {
                 return Ok(self.stay(room, report, query, 1));
             }
             own = Some((room, report));
@@ -321,7 +321,7 @@ impl Place {
             ..alone
         };
         self.claims.clear();
-        let of_own = own.and_then(|(room, report)| self.claim_of(room, &report));
+        let of_own = own.and_then(|(room, report)| Claim::of(room, &report));
         self.claims.extend(of_own);
         let mut num_solved = usize::from(own.is_some());
         let mut last: Option<(usize, Report)> = own;
@@ -329,7 +329,7 @@ impl Place {
         for at in 0..self.candidates.len() {
             let (room, score) = (self.candidates[at], self.score_at(at));
             // A room that has answered, or may when it is there, comes before those that are much less likely.
-            let has_better = !self.claims.is_empty() || !self.wanted.is_empty();
+            let has_better = self.best_claim().is_some() || !self.wanted.is_empty();
             if has_better && score < best_score - CLOSE_SCORE {
                 break;
             }
@@ -342,9 +342,7 @@ impl Place {
             }
             let report = self.solve_in(room, &observed, &elsewhere, clock)?;
             num_solved += 1;
-            if let Some(claim) = self.claim_of(room, &report) {
-                self.claims.push(claim);
-            }
+            self.claims.extend(Claim::of(room, &report));
             last = Some((room, report));
         }
         if let Some([first, second]) = self.rivals() {
@@ -419,12 +417,13 @@ impl Place {
         ranked.into_iter().any(|r| r.score > least)
     }
 
-    fn claim_of(&self, room: usize, report: &Report) -> Option<Claim> {
-        Claim::of(room, report).filter(|claim| claim.confidence >= self.options.min_confidence)
+    /// Whether a claim may name the room; a weaker one may still speak against another.
+    fn may_win(&self, claim: &Claim) -> bool {
+        claim.is_strong() && claim.confidence >= self.options.min_confidence
     }
 
     fn best_claim(&self) -> Option<Claim> {
-        let claims = self.claims.iter().copied().filter(Claim::is_strong);
+        let claims = self.claims.iter().copied().filter(|c| self.may_win(c));
         claims.max_by(|a, b| a.share_found.total_cmp(&b.share_found))
     }
 

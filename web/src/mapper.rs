@@ -481,6 +481,30 @@ fn report(map: &FilmMap, num_keyframes: usize) -> Value {
         "lines": map.lines.len(),
         "pairs": map.stats.pairs.len(),
         "medianReprojection": map.median_error_px(),
+        "warnings": warnings(map, num_keyframes),
         "up": map.gravity.map(|g| [-g.x, -g.y, -g.z]),
     })
+}
+
+/// What whoever filmed should know, in words. Keyframes are counted from 1, as the page shows them.
+fn warnings(map: &FilmMap, num_keyframes: usize) -> Vec<String> {
+    let mut words = Vec::new();
+    if map.num_components > 1 {
+        words.push(format!(
+            "The film falls into {} pieces that could not be joined; this is the largest. Film the way from one to the other.",
+            map.num_components
+        ));
+    }
+    if let [(_, why), ..] = map.left_out.as_slice() {
+        words.push(format!(
+            "{} of {num_keyframes} pictures have no place in the map. The first of them: {}.",
+            map.left_out.len(),
+            why.message()
+        ));
+    }
+    if let Some(link) = map.weak_link {
+        let name = |keyframe: usize| format!("picture {}", keyframe + 1);
+        words.push(link.message(&name(link.before), &name(link.after)));
+    }
+    words
 }

@@ -239,6 +239,9 @@ fn describe(motion: &Motion, names: &[&str], out: &mut String) {
             ),
         );
     }
+    if let Some(link) = weak_link(motion, names) {
+        line(out, format_args!("{link}"));
+    }
     if let [largest, rest @ ..] = motion.components.as_slice() {
         for camera in &largest.cameras {
             let (f, _) = camera.focal_px();
@@ -297,6 +300,12 @@ fn describe(motion: &Motion, names: &[&str], out: &mut String) {
             );
         }
     }
+}
+
+/// The sentence about the place where the written model hangs together least, if that is little.
+fn weak_link(motion: &Motion, names: &[&str]) -> Option<String> {
+    let link = motion.components.first()?.weak_link()?;
+    Some(link.message(names[link.before], names[link.after]))
 }
 
 fn line(out: &mut String, text: std::fmt::Arguments<'_>) {

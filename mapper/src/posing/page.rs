@@ -1,6 +1,7 @@
 //! The report of a reconstruction as a page of its own: where the camera was, what is there, what was left out and why.
 
 use super::plots::{self, Axes};
+use super::weak_link;
 use crate::html::{escaped, head, number};
 use landline::features::FeatureSet;
 use landline::reconstruction::motion::{Component, Motion};
@@ -215,6 +216,9 @@ fn pieces(out: &mut String, subject: &Subject<'_>) {
         "</table>\n<p>{} pairs of pictures had matches, {} of them one geometry: {} of them in depth, {} before one plane, {} only turned.</p>",
         counts.matched, counts.verified, counts.general, counts.planar, counts.turned
     );
+    if let Some(link) = weak_link(motion, subject.names) {
+        let _ = writeln!(out, "<p><b>{}</b></p>", escaped(&link));
+    }
     let loops = &motion.rejected_loops;
     if loops.is_empty() {
         return;

@@ -21,6 +21,7 @@ mod contradict;
 mod given;
 mod grow;
 mod join;
+mod link;
 mod loops;
 mod refine;
 mod start;
@@ -30,6 +31,7 @@ mod verify;
 mod zoom;
 
 pub use candidates::{CandidateParams, candidate_pairs};
+pub use link::WeakLink;
 pub use loops::LoopParams;
 pub use refine::{Agreement, Disagreement, RefineParams, Refined, Refinement, disagreement};
 pub use verify::{PairMatches, VerifiedPair};
@@ -203,6 +205,13 @@ impl Component {
     /// Posed pictures.
     pub fn num_registered(&self) -> usize {
         self.cam_from_world.iter().flatten().count()
+    }
+
+    /// Where the model hangs together by so few points that its two sides may differ in scale.
+    pub fn weak_link(&self) -> Option<WeakLink> {
+        let posed = self.cam_from_world.iter().enumerate();
+        let pictures: Vec<usize> = posed.filter_map(|(i, p)| p.map(|_| i)).collect();
+        WeakLink::weakest(&self.points, &pictures)
     }
 
     /// Takes poses and points to another world, whose unit of length may differ.

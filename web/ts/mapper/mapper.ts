@@ -256,7 +256,7 @@ export class Mapper extends EventTarget {
       lines: numLines,
       medianReprojection,
       seconds: this.#buildSeconds,
-      warnings: warnings(pictures, components),
+      warnings: raw.warnings,
       cloud: { points, lines },
     };
     if (raw.up) report.up = { x: raw.up[0], y: raw.up[1], z: raw.up[2] };
@@ -268,14 +268,4 @@ function sceneRequest({ name = "", licence = "", scale, up }: WriteOptions): { n
   // Whole seconds, as scene files have them.
   const created = `${new Date().toISOString().slice(0, 19)}Z`;
   return { name, licence, created, ...(scale ? { scale } : {}), ...(up ? { up: [up.x, up.y, up.z] as [number, number, number] } : {}) };
-}
-
-/** What whoever filmed should know, in words. */
-function warnings(pictures: readonly MapPicture[], components: number): string[] {
-  const words: string[] = [];
-  if (components > 1) words.push(`The film falls into ${components} pieces that could not be joined; this is the largest. Film the way from one to the other.`);
-  const left = pictures.filter(({ registered }) => !registered);
-  const [first] = left;
-  if (first) words.push(`${left.length} of ${pictures.length} pictures have no place in the map.${first.advice ? ` The first of them: ${first.advice}.` : ""}`);
-  return words;
 }

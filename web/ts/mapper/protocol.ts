@@ -44,6 +44,7 @@ export interface RawReport {
   lines: number;
   pairs: number;
   medianReprojection: number;
+  warnings: string[];
   up: readonly [number, number, number] | null;
 }
 

@@ -3,10 +3,12 @@
 use crate::dataset::DataArgs;
 use crate::metres::{Distance, Metres, parse_distance};
 use crate::posing::PosingRequest;
+use crate::privacy::Privacy;
 use crate::refining::{RefinePoses, RefiningRequest};
-use crate::scene::ExtractorArgs;
 use crate::teach::SceneRequest;
 use crate::timestamp::now;
+use crate::weights::{customary_extractor, load_extractor};
+use crate::words::words;
 #[cfg(feature = "train")]
 use crate::{
     teach::{Training, When},
@@ -15,32 +17,114 @@ use crate::{
 use anyhow::Result;
 #[cfg(feature = "train")]
 use anyhow::bail;
-use clap::ValueEnum;
+use clap::builder::TypedValueParser;
 use landline::formats::expressed;
 use landline::geometry::CameraRecord;
 #[cfg(feature = "train")]
 use landline::models::{Preset, RegressorConfig};
-use landline::scene_file::Precision;
+use landline::nn::cpu::Level;
+use landline::relocalizer::Device;
+use landline::scene_file::{ExtractorFile, Precision};
 use std::path::{Path, PathBuf};
 
-/// Storage of weights on the command line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum PrecisionArg {
-    /// 32-bit.
-    F32,
-    /// 16-bit.
-    F16,
-    /// 8-bit matrices.
-    Int8,
+/// How weights are stored.
+pub fn precision() -> impl TypedValueParser<Value = Precision> {
+    words([
+        ("f32", Precision::F32, "32-bit"),
+        ("f16", Precision::F16, "16-bit"),
+        ("int8", Precision::Int8, "8-bit matrices"),
+    ])
 }
 
-impl From<PrecisionArg> for Precision {
-    fn from(arg: PrecisionArg) -> Self {
-        match arg {
-            PrecisionArg::F32 => Self::F32,
-            PrecisionArg::F16 => Self::F16,
-            PrecisionArg::Int8 => Self::Int8,
-        }
+/// What may run the networks.
+pub fn device() -> impl TypedValueParser<Value = Device> {
+    words([
+        (
+            "auto",
+            Device::Auto,
+            "The faster of a hardware GPU and the CPU, as measured on the first pictures",
+        ),
+        (
+            "gpu",
+            Device::Gpu,
+            "A GPU, also one that is simulated in software; refused when there is none",
+        ),
+        ("cpu", Device::Cpu, "The CPU"),
+    ])
+}
+
+/// What a scene holds back.
+pub fn privacy() -> impl TypedValueParser<Value = Privacy> {
+    words([
+        (
+            "sparse",
+            Privacy::Sparse,
+            "A quarter of the points and lines: those that cover the place best",
+        ),
+        (
+            "no-lines",
+            Privacy::NoLines,
+            "No lines: edges of walls and furniture are what people recognise first",
+        ),
+        (
+            "coarse-descriptors",
+            Privacy::CoarseDescriptors,
+            "Descriptors of one bit a number in place of eight: less to compute a picture from",
+        ),
+        (
+            "no-second-look",
+            Privacy::NoSecondLook,
+            "No landmarks to look at again, and with them no viewing directions: not where the camera went",
+        ),
+    ])
+}
+
+/// Which kernels run the networks.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct KernelArgs {
+    /// Kernels of the networks: the fastest of this machine, or those that give the same bits everywhere.
+    #[arg(long, default_value = "auto", value_name = "KERNELS", value_parser = kernels())]
+    kernels: Level,
+}
+
+impl KernelArgs {
+    /// The level that was asked for.
+    pub fn level(self) -> Level {
+        self.kernels
+    }
+}
+
+fn kernels() -> impl TypedValueParser<Value = Level> {
+    words([
+        ("auto", Level::best(), "The fastest of this machine"),
+        (
+            "portable",
+            Level::Portable,
+            "The same bits on every machine, and as in the browser",
+        ),
+    ])
+}
+
+/// Which extractor file to use.
+#[derive(Debug, Clone, clap::Args)]
+pub struct ExtractorArgs {
+    /// The extractor: its file, as `landline convert` writes it, or the checkpoint that it is made from. When not given,
+    /// XFeat where `cargo xtask setup` or `cargo xtask web` put it.
+    #[arg(long, value_name = "FILE", env = "LANDLINE_EXTRACTOR")]
+    pub extractor: Option<PathBuf>,
+}
+
+impl ExtractorArgs {
+    /// Reads the file.
+    ///
+    /// # Errors
+    /// When it is missing or no extractor.
+    pub fn read(&self) -> Result<ExtractorFile> {
+        let path = match &self.extractor {
+            Some(path) => path.clone(),
+            None => customary_extractor()?,
+        };
+        Ok(load_extractor(&path)?)
     }
 }
 
@@ -108,8 +192,8 @@ pub struct SceneArgs {
     #[command(flatten)]
     pub size: SizeArgs,
     /// How weights are stored.
-    #[arg(long, value_enum, default_value_t = PrecisionArg::Int8)]
-    pub precision: PrecisionArg,
+    #[arg(long, default_value = "int8", value_name = "PRECISION", value_parser = precision())]
+    pub precision: Precision,
 }
 
 impl SceneArgs {
@@ -125,7 +209,7 @@ impl SceneArgs {
             licence: self.licence.clone(),
             created: Some(now()?),
             max_bytes: self.size.max_bytes,
-            precision: self.precision.into(),
+            precision: self.precision,
         })
     }
 
@@ -192,7 +276,7 @@ impl PosingArgs {
 pub struct RefiningArgs {
     /// When poses that came with the pictures are adjusted to what the pictures show; `auto` keeps the outcome only where it
     /// is better.
-    #[arg(long, value_enum, default_value_t = RefinePoses::Off, value_name = "WHEN")]
+    #[arg(long, default_value = "off", value_name = "WHEN", value_parser = refine_poses())]
     pub refine_poses: RefinePoses,
     /// Refine focal length and one radial term with the poses.
     #[arg(long)]
@@ -208,6 +292,51 @@ impl RefiningArgs {
             is_unordered,
         }
     }
+}
+
+fn refine_poses() -> impl TypedValueParser<Value = RefinePoses> {
+    words([
+        (
+            "auto",
+            RefinePoses::Auto,
+            "Where pictures and poses disagree, and only if tracks, labels and pictures kept back say that it helps",
+        ),
+        ("on", RefinePoses::On, "In any case"),
+        ("off", RefinePoses::Off, "In none"),
+    ])
+}
+
+/// When networks are trained.
+#[cfg(feature = "train")]
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct WhenArgs {
+    /// When networks are trained; options of training ask for it too.
+    #[arg(long, default_value = "auto", value_name = "WHEN", value_parser = when())]
+    training: When,
+}
+
+#[cfg(feature = "train")]
+impl WhenArgs {
+    /// When they are, beside these options of training.
+    pub fn when(self, how: &TrainingArgs) -> When {
+        match self.training {
+            When::Auto if how.is_asked_for() => When::Always,
+            when => when,
+        }
+    }
+}
+
+#[cfg(feature = "train")]
+fn when() -> impl TypedValueParser<Value = When> {
+    words([
+        (
+            "auto",
+            When::Auto,
+            "When the landmarks alone do not locate the pictures that were kept back, or options of training are given",
+        ),
+        ("always", When::Always, "In any case"),
+        ("never", When::Never, "In none"),
+    ])
 }
 
 /// How networks are trained.

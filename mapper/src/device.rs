@@ -1,20 +1,8 @@
 //! Where the networks run.
 
 use anyhow::{Result, bail};
-use landline::relocalizer::{Device as Policy, Relocalizer};
+use landline::relocalizer::{Device, Relocalizer};
 use landline::scene_file::{ExtractorFile, SceneFile};
-
-/// What may run the networks: [`Policy`] as a word of the command line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
-pub enum Device {
-    /// The faster of a hardware GPU and the CPU, as measured on the first pictures.
-    Auto,
-    /// A GPU, also one that is simulated in software; refused when there is none.
-    Gpu,
-    /// The CPU.
-    #[default]
-    Cpu,
-}
 
 /// Moves the networks of a relocalizer to what was asked for. Returns what they run on, in words.
 ///
@@ -26,12 +14,7 @@ pub fn place(
     scene: &SceneFile,
     extractor: &ExtractorFile,
 ) -> Result<String> {
-    let policy = match device {
-        Device::Auto => Policy::Auto,
-        Device::Gpu => Policy::Gpu,
-        Device::Cpu => Policy::Cpu,
-    };
-    let placed = pollster::block_on(relocalizer.place(policy, scene, extractor, None));
+    let placed = pollster::block_on(relocalizer.place(device, scene, extractor, None));
     match (placed, relocalizer.gpu()) {
         (Ok(()), Some(gpu)) => Ok(gpu.device().adapter_name()),
         (Ok(()), None) => Ok("the CPU".to_owned()),

@@ -41,3 +41,4 @@ pub mod train;
 pub mod units;
 pub mod unposed;
 pub mod weights;
+pub mod words;

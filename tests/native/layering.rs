@@ -162,6 +162,24 @@ fn only_the_trainer_uses_burn() {
 }
 
 #[test]
+fn only_commands_and_their_arguments_know_the_command_line() {
+    let is_meant = |file: &str| {
+        let at = file.trim_start_matches("mapper/src/");
+        at.starts_with("cmd/")
+            || at == "main.rs"
+            || at == "words.rs"
+            || at == "args.rs"
+            || at.ends_with("/args.rs")
+    };
+    let broken = uses("mapper/src", |ident| ident == "clap", is_meant);
+    assert!(
+        broken.is_empty(),
+        "the command line belongs in cmd, args.rs and words.rs of mapper/src:\n{}",
+        broken.join("\n")
+    );
+}
+
+#[test]
 fn unsafe_code_stays_in_kernels() {
     let broken = uses(
         "src",

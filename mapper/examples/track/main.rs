@@ -6,9 +6,10 @@ use anyhow::{Context, Result, bail};
 use clap::Parser;
 use landline::relocalizer::RelocalizerOptions;
 use landline::session::FollowOptions;
+use landline_mapper::args::{ExtractorArgs, KernelArgs};
 use landline_mapper::dataset::{DataArgs, DatasetImage, Split, open};
 use landline_mapper::progress::Progress;
-use landline_mapper::scene::{ExtractorArgs, KernelArgs, read_scene, relocalizer};
+use landline_mapper::scene::{read_scene, relocalizer};
 use landline_testkit::room::Look;
 use replay::{
     Figures, Located, Replay, Simulation, Video, at_once, locate_all, rendered, replay, soak,

@@ -1,7 +1,7 @@
 //! `landline convert`: a foreign checkpoint becomes an extractor file or a scene file; a file of ours is stored anew.
 
-use crate::args::PrecisionArg;
-use crate::dataset::{UnitsArg, check_scale, gravity_from_up, parse_vector};
+use crate::args::{precision, privacy};
+use crate::dataset::{check_scale, gravity_from_up, parse_vector, units};
 use crate::files::write_bytes;
 use crate::import::{ImportOptions, Imported, import};
 use crate::privacy::{Privacy, hold_back};
@@ -33,8 +33,8 @@ pub struct Args {
     #[arg(long, value_name = "NAME")]
     extractor: Option<String>,
     /// How weights are stored; without it a scene file of ours keeps them as they are, anything else has 16 bits.
-    #[arg(long, alias = "weights", value_enum)]
-    precision: Option<PrecisionArg>,
+    #[arg(long, alias = "weights", value_name = "PRECISION", value_parser = precision())]
+    precision: Option<Precision>,
     /// Refuse the checkpoint unless it has this SHA-256.
     #[arg(long)]
     sha256: Option<String>,
@@ -51,8 +51,8 @@ pub struct Args {
     #[arg(long)]
     min_line_confidence: Option<f32>,
     /// Scenes: what one unit of length of the world is.
-    #[arg(long, value_enum)]
-    units: Option<UnitsArg>,
+    #[arg(long, value_name = "UNITS", value_parser = units())]
+    units: Option<Units>,
     /// Scenes: metres for one unit of length of the world, which is multiplied by it and in metres then.
     #[arg(
         long,
@@ -69,7 +69,7 @@ pub struct Args {
     created: Option<Timestamp>,
     /// Scenes: what it holds back from strangers, at a cost in accuracy; several with commas. Weights have 8 bits then unless
     /// `--precision` says otherwise.
-    #[arg(long, value_enum, value_delimiter = ',', value_name = "WHAT")]
+    #[arg(long, value_delimiter = ',', value_name = "WHAT", value_parser = privacy())]
     privacy: Vec<Privacy>,
     /// Where the checkpoint came from; goes into the file.
     #[arg(long)]
@@ -144,7 +144,7 @@ fn describe_world(scene: &mut SceneFile, args: &Args) -> Result<()> {
     if let Some(up) = args.up {
         info.gravity = Some(gravity_from_up(&args.checkpoint, up)?);
     }
-    let units = args.units.map_or(info.units, Units::from);
+    let units = args.units.unwrap_or(info.units);
     let is_other = units != info.units || args.scale.is_some();
     info.units = units;
     if let Some(scale) = args.scale {
@@ -206,14 +206,14 @@ pub fn run(args: Args) -> Result<()> {
     }
     content.describe(&args)?;
     let precision = match (args.precision, args.privacy.is_empty()) {
-        (None, false) => Some(PrecisionArg::Int8),
+        (None, false) => Some(Precision::Int8),
         (said, _) => said,
     };
     let written = match (&content, is_own, precision) {
         (Content::Scene(scene), true, None) => {
             SceneFile::redescribed(&bytes, |stored| stored.clone_from(scene))?
         }
-        (_, _, precision) => content.to_bytes(precision.unwrap_or(PrecisionArg::F16).into())?,
+        (_, _, precision) => content.to_bytes(precision.unwrap_or(Precision::F16))?,
     };
     write_bytes(&args.out, &written)?;
     let kind = match &content {

@@ -1,7 +1,7 @@
 //! `landline demo`: locates the sample pictures and compares with their exact poses.
 
+use crate::args::KernelArgs;
 use crate::picture;
-use crate::scene::KernelArgs;
 use anyhow::{Context as _, Result, bail, ensure};
 use landline::geometry::{CamFromWorld, Camera, CameraModel};
 use landline::image::{FrameView, PixelFormat};

@@ -1,8 +1,8 @@
 //! `landline eval`: accuracy of a scene on pictures with known poses.
 
-use crate::args::TeachingArgs;
+use crate::args::{KernelArgs, TeachingArgs, device};
 use crate::dataset::{Dataset, DatasetImage, Split, open};
-use crate::device::{self, Device};
+use crate::device;
 use crate::eval::{
     EvalOptions, Evaluation, Evaluator, FullMatching, Landmarks, LineTruth, Subject, baseline_size,
     table, to_json, write_report,
@@ -12,13 +12,13 @@ use crate::files::write_bytes;
 use crate::labels::Labels;
 use crate::picture;
 use crate::progress::Progress;
-use crate::scene::{KernelArgs, front_end_options, read_scene, relocalizer};
+use crate::scene::{front_end_options, read_scene, relocalizer};
 use crate::teach;
 use crate::terminal::Bars;
 use crate::units::Ruler;
 use crate::{export, overlay};
 use anyhow::{Context, Result, bail};
-use landline::relocalizer::RelocalizerOptions;
+use landline::relocalizer::{Device, RelocalizerOptions};
 use landline::scene_file::{HeldOut, SceneFile, Units};
 use std::path::{Path, PathBuf};
 
@@ -60,7 +60,7 @@ pub struct Args {
     #[command(flatten)]
     kernels: KernelArgs,
     /// What runs the networks.
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, default_value = "cpu", value_name = "DEVICE", value_parser = device())]
     device: Device,
     /// Solve each picture so many times, with different seeds; figures are of all of them.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=100))]
@@ -109,7 +109,7 @@ pub fn run(args: Args) -> Result<()> {
     }
     let (scene, num_bytes) = read_scene(&args.scene)?;
     // What the scene says, unless the user knows better: the data set's own format says nothing of another's scene.
-    let said = args.teaching.data.units.map(Units::from);
+    let said = args.teaching.data.units;
     let units = match args.teaching.data.scale {
         Some(_) => Units::Metres,
         None => said.unwrap_or(scene.info.units),

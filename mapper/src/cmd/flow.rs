@@ -1,7 +1,7 @@
 //! `landline flow`: where points of one picture are in another.
 
+use crate::args::KernelArgs;
 use crate::picture;
-use crate::scene::KernelArgs;
 use anyhow::{Context, Result, bail};
 use landline::geometry::Pixel;
 use landline::math::stats::median_in_place;

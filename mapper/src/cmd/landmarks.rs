@@ -1,12 +1,13 @@
 //! `landline landmarks`: gives a scene the landmarks of its labels.
 
-use crate::args::{PrecisionArg, SizeArgs};
+use crate::args::{SizeArgs, precision};
 use crate::files;
 use crate::labels::Labels;
 use crate::scene::read_scene;
 use crate::teach::add_landmarks;
 use crate::terminal::Terminal;
 use anyhow::{Context, Result};
+use landline::scene_file::Precision;
 use std::path::PathBuf;
 
 /// Give a scene the landmarks that are looked for again once a pose is known.
@@ -22,8 +23,8 @@ pub struct Args {
     #[command(flatten)]
     size: SizeArgs,
     /// How weights are stored.
-    #[arg(long, value_enum, default_value_t = PrecisionArg::Int8)]
-    precision: PrecisionArg,
+    #[arg(long, default_value = "int8", value_name = "PRECISION", value_parser = precision())]
+    precision: Precision,
 }
 
 /// Adds the landmarks.
@@ -37,10 +38,15 @@ pub fn run(args: Args) -> Result<()> {
         scene.info.extractor,
         &scene.info.extractor_sha256,
     )?;
-    let precision = args.precision.into();
     let max_bytes = args.size.max_bytes;
-    add_landmarks(&mut scene, &labels.map, max_bytes, precision, &mut Terminal)?;
-    let bytes = scene.to_bytes(precision)?;
+    add_landmarks(
+        &mut scene,
+        &labels.map,
+        max_bytes,
+        args.precision,
+        &mut Terminal,
+    )?;
+    let bytes = scene.to_bytes(args.precision)?;
     files::write_bytes(&args.out, &bytes)
         .with_context(|| format!("writing {}", args.out.display()))?;
     println!("wrote {} ({} bytes)", args.out.display(), bytes.len());

@@ -1,17 +1,20 @@
 //! `landline locate`: the camera pose of pictures.
 
-use crate::device::{self, Device};
+use crate::args::{ExtractorArgs, KernelArgs, device};
+use crate::device;
 use crate::eval::PoseError;
 use crate::files::names_apart;
 use crate::overlay;
 use crate::picture;
-use crate::scene::{ExtractorArgs, KernelArgs, read_scene, relocalizer};
+use crate::scene::{read_scene, relocalizer};
 use crate::shown::shown;
 use anyhow::{Context, Result, ensure};
 use landline::formats::expressed;
 use landline::geometry::{Camera, CameraRecord};
 use landline::image::{FrameView, PixelFormat};
-use landline::relocalizer::{NotLocated, Outcome, Query, Relocalizer, RelocalizerOptions, Report};
+use landline::relocalizer::{
+    Device, NotLocated, Outcome, Query, Relocalizer, RelocalizerOptions, Report,
+};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -33,7 +36,7 @@ pub struct Args {
     #[command(flatten)]
     kernels: KernelArgs,
     /// What runs the networks.
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, default_value = "cpu", value_name = "DEVICE", value_parser = device())]
     device: Device,
     /// Locate each picture on the CPU too and say how far the two answers are apart: a test of a GPU and its driver.
     #[arg(long)]

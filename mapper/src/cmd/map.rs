@@ -1,7 +1,7 @@
 //! `landline map`: from pictures, with poses or without, to a scene file in one go.
 
-use crate::args::{PosingArgs, RefiningArgs, SceneArgs, TeachingArgs};
-use crate::dataset::{UnitsArg, has_poses, open};
+use crate::args::{PosingArgs, RefiningArgs, SceneArgs, TeachingArgs, privacy};
+use crate::dataset::{has_poses, open};
 use crate::extract::Extraction;
 use crate::files;
 use crate::posing::{is_video, pose_pictures};
@@ -13,11 +13,12 @@ use crate::teach::{Request, teach};
 use crate::terminal::Terminal;
 #[cfg(feature = "train")]
 use crate::{
-    args::TrainingArgs,
-    teach::{Training, When},
+    args::{TrainingArgs, WhenArgs},
+    teach::Training,
 };
 use anyhow::{Context, Result, bail};
 use landline::front_end::FrontEndOptions;
+use landline::geometry::Units;
 use std::path::PathBuf;
 
 /// Teach a place: features, points and lines of its pictures, one scene file.
@@ -39,16 +40,15 @@ pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
     /// What the scene holds back from strangers, at a cost in accuracy; several with commas.
-    #[arg(long, value_enum, value_delimiter = ',', value_name = "WHAT")]
+    #[arg(long, value_delimiter = ',', value_name = "WHAT", value_parser = privacy())]
     privacy: Vec<Privacy>,
     #[command(flatten)]
     posing: PosingArgs,
     #[command(flatten)]
     refining: RefiningArgs,
-    /// When networks are trained; options of training ask for it too.
     #[cfg(feature = "train")]
-    #[arg(long, value_enum, default_value_t = When::Auto, value_name = "WHEN")]
-    training: When,
+    #[command(flatten)]
+    when: WhenArgs,
     /// Image-space variants of each picture (turned, scaled, blurred, lit differently), where networks are trained.
     #[cfg(feature = "train")]
     #[arg(long, value_name = "N", default_value_t = 2)]
@@ -108,7 +108,7 @@ pub fn run(mut args: Args) -> Result<()> {
         data.data = model;
         data.camera = None;
         if args.posing.metres_option().is_some() {
-            data.units = Some(UnitsArg::Metres);
+            data.units = Some(Units::Metres);
         }
     }
     let mut dataset = open(&args.teaching.data)?;
@@ -154,10 +154,7 @@ pub fn run(mut args: Args) -> Result<()> {
 #[cfg(feature = "train")]
 impl Args {
     fn training(&self) -> Result<Training> {
-        let when = match self.training {
-            When::Auto if self.how.is_asked_for() => When::Always,
-            when => when,
-        };
+        let when = self.when.when(&self.how);
         let folder = self.scene.run_folder(&self.out);
         let mut training = self.how.training(when, &self.scene, folder)?;
         training.variants = self.variants;

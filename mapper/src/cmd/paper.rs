@@ -1,16 +1,17 @@
 //! `landline paper`: the paper's protocol on its data sets, its figures beside ours.
 
-use crate::args::SceneArgs;
+use crate::args::{ExtractorArgs, SceneArgs};
+#[cfg(feature = "train")]
+use crate::args::{TrainingArgs, WhenArgs};
 use crate::dataset::Dataset;
 use crate::extract::Extraction;
 use crate::paper::{DataSet, Measured, Poses, joined_poses, measure, resumed, tables};
 use crate::run_lock::RunLock;
-use crate::scene::ExtractorArgs;
 use crate::teach::Request;
 use crate::terminal::Terminal;
-#[cfg(feature = "train")]
-use crate::{args::TrainingArgs, teach::When};
+use crate::words::words;
 use anyhow::Result;
+use clap::builder::TypedValueParser;
 use landline::front_end::FrontEndOptions;
 use std::path::{Path, PathBuf};
 
@@ -21,7 +22,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The data set.
-    #[arg(value_enum)]
+    #[arg(value_parser = set())]
     set: DataSet,
     /// Its folder, with a folder for each scene.
     root: PathBuf,
@@ -39,13 +40,27 @@ pub struct Args {
     extractor: ExtractorArgs,
     #[command(flatten)]
     scene: SceneArgs,
-    /// When networks are trained; options of training ask for it too.
     #[cfg(feature = "train")]
-    #[arg(long, value_enum, default_value_t = When::Auto, value_name = "WHEN")]
-    training: When,
+    #[command(flatten)]
+    when: WhenArgs,
     #[cfg(feature = "train")]
     #[command(flatten)]
     how: TrainingArgs,
+}
+
+fn set() -> impl TypedValueParser<Value = DataSet> {
+    words([
+        (
+            "7scenes",
+            DataSet::SevenScenes,
+            "7-Scenes as shipped: SCENE/seq-01/frame-000000.{color.png,pose.txt}, TrainSplit.txt, TestSplit.txt",
+        ),
+        (
+            "indoor6",
+            DataSet::Indoor6,
+            "Indoor-6: SCENE/images/NAME.{color.jpg,pose.txt,intrinsics.txt}, train_test_val.pkl",
+        ),
+    ])
 }
 
 /// Maps and evaluates.
@@ -101,7 +116,11 @@ impl Args {
                 model_points: false,
                 scene: self.scene.request()?,
                 #[cfg(feature = "train")]
-                training: Some(self.how.training(self.when(), &self.scene, file("run"))?),
+                training: Some(self.how.training(
+                    self.when.when(&self.how),
+                    &self.scene,
+                    file("run"),
+                )?),
             };
             measure(&request, identity.clone(), &file("landline"), &mut Terminal)
         })
@@ -110,17 +129,9 @@ impl Args {
     /// What changes a result.
     fn options(&self) -> String {
         #[cfg(feature = "train")]
-        let training = format!("{:?} {:?}", self.when(), self.how);
+        let training = format!("{:?} {:?}", self.when.when(&self.how), self.how);
         #[cfg(not(feature = "train"))]
         let training = "";
         format!("{:?} {training}", self.scene)
-    }
-
-    #[cfg(feature = "train")]
-    fn when(&self) -> When {
-        match self.training {
-            When::Auto if self.how.is_asked_for() => When::Always,
-            when => when,
-        }
     }
 }

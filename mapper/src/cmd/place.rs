@@ -1,8 +1,8 @@
 //! `landline place`: many rooms as one place.
 
+use crate::args::ExtractorArgs;
 use crate::asked::{Asking, RoomPictures};
 use crate::place::PlaceFiles;
-use crate::scene::ExtractorArgs;
 use crate::shown::{shown, told};
 use anyhow::{Result, ensure};
 use clap::Subcommand;

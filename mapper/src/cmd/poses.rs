@@ -1,10 +1,9 @@
 //! `landline poses`: poses of pictures that have none, as a COLMAP model.
 
-use crate::args::PosingArgs;
+use crate::args::{ExtractorArgs, PosingArgs};
 use crate::extract::Extraction;
 use crate::posing::pose_pictures;
 use crate::progress::Progress;
-use crate::scene::ExtractorArgs;
 use anyhow::{Result, bail};
 use landline::front_end::FrontEndOptions;
 use std::path::PathBuf;

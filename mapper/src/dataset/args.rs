@@ -2,10 +2,10 @@
 //! as plain values.
 
 use super::split::IndexRange;
-use super::world::{UnitsArg, parse_vector};
-use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use crate::words::words;
+use clap::builder::TypedValueParser;
 use landline::formats::{PoseDirection, QuaternionOrder, expressed};
-use landline::geometry::{CameraAxes, CameraRecord};
+use landline::geometry::{CameraAxes, CameraRecord, Units};
 use std::path::PathBuf;
 
 /// Which data, and how to read it.
@@ -57,8 +57,8 @@ pub struct DataArgs {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["train", "test"])]
     pub test_list: Option<PathBuf>,
     /// What one unit of length of the data set is; without it, a metre where the format says so and unknown elsewhere.
-    #[arg(long, value_enum)]
-    pub units: Option<UnitsArg>,
+    #[arg(long, value_name = "UNITS", value_parser = units())]
+    pub units: Option<Units>,
     /// Metres for one unit of length: the data set's lengths are multiplied by it and are metres then.
     #[arg(
         long,
@@ -133,19 +133,16 @@ pub enum PoseCamera {
     Color,
 }
 
-/// The words for values of an option whose type knows no command line, with their help.
-fn words<T: Clone + Send + Sync + 'static, const N: usize>(
-    all: [(&'static str, T, &'static str); N],
-) -> impl TypedValueParser<Value = T> {
-    let told = all
-        .each_ref()
-        .map(|(word, _, help)| PossibleValue::new(*word).help(*help));
-    PossibleValuesParser::new(told).try_map(move |given| {
-        let found = all.iter().find(|(word, ..)| *word == given);
-        found
-            .map(|(_, value, _)| value.clone())
-            .ok_or("not one of them")
-    })
+/// Units of length.
+pub fn units() -> impl TypedValueParser<Value = Units> {
+    words([
+        ("metres", Units::Metres, "One unit of length is one metre"),
+        (
+            "arbitrary",
+            Units::Arbitrary,
+            "Nobody knows how long one unit of length is",
+        ),
+    ])
 }
 
 fn pose_direction() -> impl TypedValueParser<Value = PoseDirection> {
@@ -181,7 +178,7 @@ fn quaternion_order() -> impl TypedValueParser<Value = QuaternionOrder> {
 /// A camera from the command line: MODEL,width,height,parameters.
 ///
 /// # Errors
-/// In words, for clap.
+/// In words.
 pub fn parse_camera(text: &str) -> Result<CameraRecord, String> {
     let fields: Vec<&str> = text.split(',').map(str::trim).collect();
     let (&[model, width, height], params) = fields
@@ -200,4 +197,68 @@ pub fn parse_camera(text: &str) -> Result<CameraRecord, String> {
     };
     expressed(&record).map_err(|e| e.to_string())?;
     Ok(record)
+}
+
+/// Three numbers, `X,Y,Z`.
+///
+/// # Errors
+/// In words.
+pub fn parse_vector(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Vec<f64> = text
+        .split(',')
+        .map(|field| {
+            let field = field.trim();
+            field.parse().map_err(|_| format!("`{field}` is no number"))
+        })
+        .collect::<Result<_, String>>()?;
+    numbers
+        .try_into()
+        .map_err(|_| "expected X,Y,Z: three numbers with commas between them".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser as _;
+
+    #[derive(clap::Parser)]
+    struct Line {
+        #[command(flatten)]
+        data: DataArgs,
+    }
+
+    fn parsed(words: &[&str]) -> Result<DataArgs, clap::Error> {
+        Line::try_parse_from([&["test", "some/folder"], words].concat()).map(|line| line.data)
+    }
+
+    #[test]
+    fn what_is_said_about_the_world_arrives() {
+        let metres = parsed(&["--units", "metres"]).expect("a word");
+        assert_eq!(metres.units, Some(Units::Metres));
+        let unknown = parsed(&["--units", "arbitrary", "--up", "0,-3,4"]).expect("words");
+        assert_eq!(
+            (unknown.units, unknown.up),
+            (Some(Units::Arbitrary), Some([0.0, -3.0, 4.0]))
+        );
+        // Numbers that mean nothing are refused with the data set's name, where they are applied.
+        for (word, scale) in [("--scale=-1", -1.0), ("--scale=1e300", 1e300)] {
+            assert_eq!(parsed(&[word]).expect("a number").scale, Some(scale));
+        }
+    }
+
+    #[test]
+    fn words_that_are_none_are_refused() {
+        for (words, said) in [
+            (&["--units", "feet"][..], "metres, arbitrary"),
+            (&["--up", "0,1"], "three numbers"),
+            (&["--up", "a,b,c"], "`a` is no number"),
+            (
+                &["--units", "metres", "--scale", "2"],
+                "cannot be used with",
+            ),
+        ] {
+            let error = parsed(words).expect_err("no such words").to_string();
+            assert!(error.contains(said), "{words:?}: {error}");
+        }
+    }
 }

@@ -23,11 +23,11 @@ mod transforms;
 mod tum;
 mod world;
 
-pub use args::{DataArgs, Format, PoseCamera, parse_camera};
+pub use args::{DataArgs, Format, PoseCamera, parse_camera, parse_vector, units};
 pub use colmap_write::{WrittenImage, WrittenModel, WrittenPoint};
 pub use open::{has_poses, open};
 pub use split::{IndexRange, Split};
-pub use world::{UnitsArg, check_scale, gravity_from_up, parse_vector};
+pub use world::{check_scale, gravity_from_up};
 
 use landline::formats::FormatError;
 use landline::geometry::{CamFromWorld, Camera, CameraAxes};

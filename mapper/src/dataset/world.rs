@@ -2,48 +2,13 @@
 
 use super::args::DataArgs;
 use super::{Dataset, DatasetError};
-use landline::geometry::CamFromWorld;
-use landline::scene_file::Units;
+use landline::geometry::{CamFromWorld, Units};
+
 use nalgebra::Vector3;
 use std::path::Path;
 
-/// Units on the command line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum UnitsArg {
-    /// One unit of length is one metre.
-    Metres,
-    /// Nobody knows how long one unit of length is.
-    Arbitrary,
-}
-
-impl From<UnitsArg> for Units {
-    fn from(arg: UnitsArg) -> Self {
-        match arg {
-            UnitsArg::Metres => Self::Metres,
-            UnitsArg::Arbitrary => Self::Arbitrary,
-        }
-    }
-}
-
 /// Smallest and largest metres for one unit of length: from a thousandth of a millimetre to a thousand kilometres.
 const SCALES: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
-
-/// Three numbers, `X,Y,Z`.
-///
-/// # Errors
-/// In words, for clap.
-pub fn parse_vector(text: &str) -> Result<[f64; 3], String> {
-    let numbers: Vec<f64> = text
-        .split(',')
-        .map(|field| {
-            let field = field.trim();
-            field.parse().map_err(|_| format!("`{field}` is no number"))
-        })
-        .collect::<Result<_, String>>()?;
-    numbers
-        .try_into()
-        .map_err(|_| "expected X,Y,Z: three numbers with commas between them".to_owned())
-}
 
 /// Refuses a scale that no data set has; `path` is of what it is for.
 ///
@@ -84,7 +49,7 @@ pub fn gravity_from_up(path: &Path, up: [f64; 3]) -> Result<Vector3<f64>, Datase
 /// Applies what the user says about the world to what the reader delivered.
 pub(super) fn apply(dataset: &mut Dataset, args: &DataArgs) -> Result<(), DatasetError> {
     if let Some(units) = args.units {
-        dataset.units = units.into();
+        dataset.units = units;
     }
     if let Some(scale) = args.scale {
         check_scale(&args.data, scale)?;
@@ -116,14 +81,7 @@ fn rescale(dataset: &mut Dataset, scale: f64) {
 mod tests {
     use super::*;
     use crate::dataset::{DatasetImage, ModelPoint, Split};
-    use clap::Parser as _;
     use landline::geometry::Camera;
-
-    #[derive(clap::Parser)]
-    struct Line {
-        #[command(flatten)]
-        data: DataArgs,
-    }
 
     fn dataset() -> Dataset {
         let mut dataset = Dataset::empty("test");
@@ -144,16 +102,19 @@ mod tests {
         dataset
     }
 
-    fn applied(words: &[&str]) -> Result<Dataset, DatasetError> {
-        let line = Line::try_parse_from([&["test", "some/folder"], words].concat())
-            .expect("a command line");
+    fn applied(change: impl FnOnce(&mut DataArgs)) -> Result<Dataset, DatasetError> {
+        let mut args = DataArgs::of("some/folder".into());
+        change(&mut args);
         let mut dataset = dataset();
-        apply(&mut dataset, &line.data).map(|()| dataset)
+        apply(&mut dataset, &args).map(|()| dataset)
     }
 
     #[test]
     fn a_known_scale_makes_metres_and_keeps_what_the_pictures_show() {
-        let (before, after) = (dataset(), applied(&["--scale", "0.25"]).expect("a scale"));
+        let (before, after) = (
+            dataset(),
+            applied(|a| a.scale = Some(0.25)).expect("a scale"),
+        );
         assert_eq!(
             (before.units, after.units),
             (Units::Arbitrary, Units::Metres)
@@ -169,25 +130,26 @@ mod tests {
         let ((far, direction), (near, same)) = (seen(&before), seen(&after));
         assert!((near - 0.25 * far).abs() < 1e-12);
         assert!((direction - same).norm() < 1e-12);
-        let said = applied(&["--units", "metres"]).expect("a word");
+        let said = applied(|a| a.units = Some(Units::Metres)).expect("units");
         assert_eq!(said.units, Units::Metres);
         assert_eq!(said.images, before.images);
     }
 
     #[test]
     fn scales_and_directions_that_mean_nothing_are_refused_by_file_option_and_value() {
-        for (option, value, shown) in [
-            ("--scale", "0", "0e0"),
-            ("--scale", "NaN", "NaN"),
-            ("--scale", "1e300", "1e300"),
-            ("--scale", "-1", "-1e0"),
-            ("--scale", "inf", "inf"),
-            ("--up", "0,0,0", "0,0,0"),
-            ("--up", "NaN,0,1", "NaN,0,1"),
-            ("--up", "0,inf,0", "0,inf,0"),
+        let scale = |value| ("--scale", Some(value), None);
+        let up = |value| ("--up", None, Some(value));
+        for ((option, scale, up), shown) in [
+            (scale(0.0), "0e0"),
+            (scale(f64::NAN), "NaN"),
+            (scale(1e300), "1e300"),
+            (scale(-1.0), "-1e0"),
+            (scale(f64::INFINITY), "inf"),
+            (up([0.0; 3]), "0,0,0"),
+            (up([f64::NAN, 0.0, 1.0]), "NaN,0,1"),
+            (up([0.0, f64::INFINITY, 0.0]), "0,inf,0"),
         ] {
-            let word = format!("{option}={value}");
-            let error = applied(&[&word]).expect_err("means nothing");
+            let error = applied(|a| (a.scale, a.up) = (scale, up)).expect_err("means nothing");
             let DatasetError::Option {
                 option: o,
                 value: v,
@@ -199,17 +161,6 @@ mod tests {
             assert_eq!((*o, v.as_str()), (option, shown));
             assert!(error.to_string().starts_with("some/folder: "), "{error}");
         }
-        for words in [
-            &["--units", "feet"][..],
-            &["--up", "0,1"],
-            &["--up", "a,b,c"],
-            &["--units", "metres", "--scale", "2"],
-        ] {
-            assert!(
-                Line::try_parse_from([&["test", "x"], words].concat()).is_err(),
-                "{words:?}"
-            );
-        }
     }
 
     #[test]
@@ -218,7 +169,9 @@ mod tests {
             let gravity = gravity_from_up(Path::new("x"), up).expect("a direction");
             assert_eq!(gravity, Vector3::new(0.0, -1.0, 0.0));
         }
-        let tilted = applied(&["--up=0,-3,4"]).expect("a direction").gravity;
+        let tilted = applied(|a| a.up = Some([0.0, -3.0, 4.0]))
+            .expect("a direction")
+            .gravity;
         assert!((tilted.expect("given") - Vector3::new(0.0, 0.6, -0.8)).norm() < 1e-15);
     }
 }

@@ -11,16 +11,16 @@ mod tables;
 pub use measure::{Measured, measure, resumed};
 pub use tables::tables;
 
-use crate::dataset::{DataArgs, Dataset, DatasetError, Format, Split, UnitsArg, open};
+use crate::dataset::{DataArgs, Dataset, DatasetError, Format, Split, open};
+use landline::geometry::Units;
 use published::Scene;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// The data sets that the paper reports on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DataSet {
     /// 7-Scenes as shipped: `SCENE/seq-01/frame-000000.{color.png,pose.txt}`, `TrainSplit.txt`, `TestSplit.txt`.
-    #[value(name = "7scenes")]
     SevenScenes,
     /// Indoor-6: `SCENE/images/NAME.{color.jpg,pose.txt,intrinsics.txt}`, `train_test_val.pkl`.
     Indoor6,
@@ -157,7 +157,7 @@ impl DataSet {
         let dataset = open(&DataArgs {
             format: list.is_none().then_some(format),
             poses: list.map(Path::to_owned),
-            units: list.is_some().then_some(UnitsArg::Metres),
+            units: list.is_some().then_some(Units::Metres),
             ..DataArgs::of(folder.clone())
         })?;
         let count = |split| dataset.of_split(split).len();

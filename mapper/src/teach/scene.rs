@@ -20,7 +20,7 @@ use std::path::PathBuf;
 
 /// When networks are trained.
 #[cfg(feature = "train")]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum When {
     /// When the landmarks alone do not locate the pictures that were kept back, or options of training are given.
     Auto,

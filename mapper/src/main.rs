@@ -28,9 +28,10 @@ enum Command {
     Landmarks(cmd::landmarks::Args),
     Lines(cmd::lines::Args),
     Locate(cmd::locate::Args),
-    Map(cmd::map::Args),
-    Paper(cmd::paper::Args),
+    // Much the largest.
+    Map(Box<cmd::map::Args>),
     MapAll(cmd::map_all::Args),
+    Paper(cmd::paper::Args),
     Place(cmd::place::Args),
     Poses(cmd::poses::Args),
     #[cfg(feature = "train")]
@@ -51,7 +52,7 @@ fn main() -> ExitCode {
         Command::Landmarks(args) => cmd::landmarks::run(args),
         Command::Lines(args) => cmd::lines::run(args),
         Command::Locate(args) => cmd::locate::run(args),
-        Command::Map(args) => cmd::map::run(args),
+        Command::Map(args) => cmd::map::run(*args),
         Command::Paper(args) => cmd::paper::run(args),
         Command::MapAll(args) => cmd::map_all::run(args),
         Command::Place(args) => cmd::place::run(args),

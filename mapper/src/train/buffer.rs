@@ -18,7 +18,7 @@ pub enum Kind {
     Segments,
 }
 
-struct Camera {
+struct CameraRow {
     rotation: [f32; 9],
     translation: [f32; 3],
     focal_px: f32,
@@ -31,7 +31,7 @@ pub struct Buffer<'a> {
     kind: Kind,
     input_len: usize,
     images: Vec<Labelled<'a>>,
-    cameras: Vec<Camera>,
+    cameras: Vec<CameraRow>,
     /// Image of each row.
     image_of_row: Vec<u32>,
     /// Observed ray or line of each row.
@@ -150,7 +150,7 @@ impl<'a> Buffer<'a> {
         let num_rows = self.tracks.len() - first_row;
         self.image_of_row
             .extend(core::iter::repeat_n(image_idx, num_rows));
-        self.cameras.push(Camera {
+        self.cameras.push(CameraRow {
             rotation,
             translation: [centred.x as f32, centred.y as f32, centred.z as f32],
             focal_px: (0.5 * (fx + fy)) as f32,

@@ -279,12 +279,12 @@ pub fn train(
             let step = session.step;
             let is_last = step == session.end();
             let mut held_out_m = None;
-            if step.is_multiple_of(judge_every) || is_last {
-                if let Some(h) = judge(session, labels, &targets, &held) {
-                    session.judged(h.score, buffer.num_images());
-                    held_out_m = Some(h.score);
-                    bar.set_length(session.end() as u64);
-                }
+            if (step.is_multiple_of(judge_every) || is_last)
+                && let Some(h) = judge(session, labels, &targets, &held)
+            {
+                session.judged(h.score, buffer.num_images());
+                held_out_m = Some(h.score);
+                bar.set_length(session.end() as u64);
             }
             bar.set_message(message(&mean, session, labels));
             if step.is_multiple_of(10) || is_last || held_out_m.is_some() {

@@ -53,8 +53,8 @@ fn main() -> ExitCode {
         Command::Lines(args) => cmd::lines::run(args),
         Command::Locate(args) => cmd::locate::run(args),
         Command::Map(args) => cmd::map::run(*args),
-        Command::Paper(args) => cmd::paper::run(args),
         Command::MapAll(args) => cmd::map_all::run(args),
+        Command::Paper(args) => cmd::paper::run(args),
         Command::Place(args) => cmd::place::run(args),
         Command::Poses(args) => cmd::poses::run(args),
         #[cfg(feature = "train")]
@@ -66,6 +66,61 @@ fn main() -> ExitCode {
             let told = landline_mapper::shown::told(&error);
             landline_mapper::output::err(format_args!("error: {told}\n"));
             ExitCode::FAILURE
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory as _;
+
+    #[test]
+    fn commands_and_their_words_are_taken() {
+        Cli::command().debug_assert();
+        for line in [
+            "map room --out x --precision f16 --privacy sparse,no-lines --refine-poses auto --units metres",
+            "map room --out x --privacy coarse-descriptors,no-second-look --refine-poses on",
+            "convert in out --precision int8 --units arbitrary --privacy sparse",
+            "landmarks scene labels --out x --max-bytes 1 --precision f32",
+            "locate scene picture --device gpu --kernels portable",
+            "eval scene room --device auto --kernels auto",
+            "paper 7scenes root",
+            "paper indoor6 root",
+        ] {
+            let words = ["landline"].into_iter().chain(line.split(' '));
+            if let Err(error) = Cli::try_parse_from(words) {
+                panic!("{line}: {error}");
+            }
+        }
+        for (line, said) in [
+            (
+                "map room --out x --precision f64",
+                "[possible values: f32, f16, int8]",
+            ),
+            (
+                "locate scene picture --device tpu",
+                "[possible values: auto, gpu, cpu]",
+            ),
+            (
+                "paper cambridge root",
+                "[possible values: 7scenes, indoor6]",
+            ),
+        ] {
+            let words = ["landline"].into_iter().chain(line.split(' '));
+            let error = Cli::try_parse_from(words)
+                .expect_err("no such word")
+                .to_string();
+            assert!(error.contains(said), "{line}: {error}");
+        }
+    }
+
+    #[cfg(feature = "train")]
+    #[test]
+    fn words_of_training_are_taken() {
+        for when in ["auto", "always", "never"] {
+            let line = ["landline", "map", "room", "--out", "x", "--training", when];
+            assert!(Cli::try_parse_from(line).is_ok(), "{when}");
         }
     }
 }

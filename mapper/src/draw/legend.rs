@@ -1,6 +1,6 @@
 //! The box that says what is what.
 
-use super::{BLACK, WHITE, blend, confidence_color, line};
+use super::{BLACK, WHITE, confidence_color, disc, lines, opaque, paint, ring};
 use embedded_graphics::Drawable;
 use embedded_graphics::draw_target::DrawTarget;
 use embedded_graphics::geometry::{OriginDimensions, Point, Size};
@@ -8,9 +8,10 @@ use embedded_graphics::mono_font::ascii::{FONT_8X13, FONT_8X13_BOLD};
 use embedded_graphics::mono_font::{MonoFont, MonoTextStyle};
 use embedded_graphics::pixelcolor::{Rgb888, RgbColor};
 use embedded_graphics::text::{Baseline, Text};
-use image::{Rgb, RgbImage};
+use image::Rgb;
 use landline::geometry::Pixel;
 use std::convert::Infallible;
+use tiny_skia::{Pixmap, Rect, Transform};
 
 /// What an entry explains.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,7 +62,7 @@ const MARK_WIDTH: i32 = 44;
 const CHAR_WIDTH: i32 = 8;
 
 impl Legend {
-    pub(super) fn draw(&self, picture: &mut RgbImage) {
+    pub(super) fn draw(&self, picture: &mut Pixmap) {
         let num_lines = 1 + self.text.len() + self.entries.len();
         let longest = |texts: &mut dyn Iterator<Item = &String>| {
             texts.map(|t| t.chars().count()).max().unwrap_or(0) as i32 * CHAR_WIDTH
@@ -71,11 +72,7 @@ impl Legend {
         let width = plain.max(marked) + 2 * MARGIN;
         let height = num_lines as i32 * LINE_HEIGHT + 2 * MARGIN - 4;
         let (left, top) = (8, picture.height() as i32 - height - 8);
-        for y in top..top + height {
-            for x in left..left + width {
-                blend(picture, i64::from(x), i64::from(y), BLACK, 0.72);
-            }
-        }
+        fill(picture, [left, top, width, height], BLACK, 0.72);
         let x = left + MARGIN;
         let mut y = top + MARGIN - 2;
         text(picture, (x, y), &FONT_8X13_BOLD, &self.title);
@@ -91,32 +88,38 @@ impl Legend {
     }
 }
 
-fn mark(picture: &mut RgbImage, x: i32, y: i32, mark: Mark) {
+fn mark(picture: &mut Pixmap, x: i32, y: i32, mark: Mark) {
     let at = |dx: i32| Pixel::new(f64::from(x + dx), f64::from(y));
     match mark {
-        Mark::Line(color) => line(picture, at(2), at(32), 3.0, color),
-        Mark::ThinLine(color) => line(picture, at(2), at(32), 1.2, color),
-        Mark::Disc(color) => line(picture, at(17), at(17), 7.0, color),
-        Mark::Ring(color) => super::ring(picture, at(17), 3.5, color),
+        Mark::Line(color) => lines(picture, &[[at(2), at(32)]], 3.0, color),
+        Mark::ThinLine(color) => lines(picture, &[[at(2), at(32)]], 1.2, color),
+        Mark::Disc(color) => disc(picture, at(17), 3.5, color),
+        Mark::Ring(color) => ring(picture, at(17), 3.5, color),
         Mark::Confidence => {
             for dx in 0..34 {
                 let color = confidence_color(dx as f32 / 33.0);
-                for dy in -4..4 {
-                    blend(picture, i64::from(x + dx), i64::from(y + dy), color, 1.0);
-                }
+                fill(picture, [x + dx, y - 4, 1, 8], color, 1.0);
             }
         }
     }
 }
 
-fn text(picture: &mut RgbImage, (x, y): (i32, i32), font: &MonoFont<'_>, text: &str) {
+/// Fills a rectangle: left, top, width, height.
+fn fill(picture: &mut Pixmap, rectangle: [i32; 4], color: Rgb<u8>, alpha: f32) {
+    let [x, y, w, h] = rectangle.map(|v| v as f32);
+    if let Some(rectangle) = Rect::from_xywh(x, y, w, h) {
+        picture.fill_rect(rectangle, &paint(color, alpha), Transform::identity(), None);
+    }
+}
+
+fn text(picture: &mut Pixmap, (x, y): (i32, i32), font: &MonoFont<'_>, text: &str) {
     let style = MonoTextStyle::new(font, Rgb888::new(WHITE.0[0], WHITE.0[1], WHITE.0[2]));
     let Ok(_) = Text::with_baseline(text, Point::new(x, y), style, Baseline::Top)
         .draw(&mut Target(picture));
 }
 
 /// The picture as the text renderer wants it.
-struct Target<'a>(&'a mut RgbImage);
+struct Target<'a>(&'a mut Pixmap);
 
 impl OriginDimensions for Target<'_> {
     fn size(&self) -> Size {
@@ -134,7 +137,10 @@ impl DrawTarget for Target<'_> {
     {
         for embedded_graphics::Pixel(at, color) in pixels {
             let color = Rgb([color.r(), color.g(), color.b()]);
-            blend(self.0, i64::from(at.x), i64::from(at.y), color, 1.0);
+            let (width, height) = (self.0.width() as i32, self.0.height() as i32);
+            if (0..width).contains(&at.x) && (0..height).contains(&at.y) {
+                self.0.pixels_mut()[(at.y * width + at.x) as usize] = opaque(color);
+            }
         }
         Ok(())
     }

@@ -7,6 +7,7 @@ pub use legend::{Entry, Legend, Mark};
 use image::{Rgb, RgbImage};
 use landline::geometry::{CamFromWorld, Camera, Pixel};
 use nalgebra::Vector3;
+use tiny_skia::{FillRule, LineCap, Paint, PathBuilder, Pixmap, PremultipliedColorU8, Transform};
 
 /// Agrees with the pose.
 pub const GREEN: Rgb<u8> = Rgb([40, 220, 90]);
@@ -46,96 +47,67 @@ pub fn confidence_color(confidence: f32) -> Rgb<u8> {
     Rgb(color)
 }
 
-/// Blends a colour into a pixel of index coordinates; outside the picture nothing happens.
-fn blend(picture: &mut RgbImage, x: i64, y: i64, color: Rgb<u8>, share: f64) {
-    let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y)) else {
-        return;
+/// A pixel of the canvas.
+fn opaque(color: Rgb<u8>) -> PremultipliedColorU8 {
+    let [r, g, b] = color.0;
+    tiny_skia::ColorU8::from_rgba(r, g, b, 255).premultiply()
+}
+
+/// What fills with a colour; `alpha` from 0 to 1.
+fn paint(color: Rgb<u8>, alpha: f32) -> Paint<'static> {
+    let [r, g, b] = color.0;
+    let mut paint = Paint::default();
+    paint.set_color_rgba8(r, g, b, (255.0 * alpha).round() as u8);
+    paint
+}
+
+/// Lines of a width between corner-based pixels, with round ends. What is not finite is not drawn.
+fn lines(pixels: &mut Pixmap, pieces: &[[Pixel; 2]], width_px: f64, color: Rgb<u8>) {
+    let mut path = PathBuilder::new();
+    for [from, to] in pieces {
+        path.move_to(from.x as f32, from.y as f32);
+        path.line_to(to.x as f32, to.y as f32);
+    }
+    let stroke = tiny_skia::Stroke {
+        width: width_px as f32,
+        line_cap: LineCap::Round,
+        ..tiny_skia::Stroke::default()
     };
-    if let Some(pixel) = picture.get_pixel_mut_checked(x, y) {
-        for (old, new) in pixel.0.iter_mut().zip(color.0) {
-            *old = (f64::from(*old) * (1.0 - share) + f64::from(new) * share).round() as u8;
-        }
+    if let Some(path) = path.finish() {
+        pixels.stroke_path(
+            &path,
+            &paint(color, 1.0),
+            &stroke,
+            Transform::identity(),
+            None,
+        );
     }
 }
 
-/// A line of a width between two corner-based pixels. Lines that leave the picture are cut first.
-fn line(picture: &mut RgbImage, from: Pixel, to: Pixel, width_px: f64, color: Rgb<u8>) {
-    let Some((from, to)) = cut(picture, from, to, width_px) else {
-        return;
-    };
-    let length = from.distance(to);
-    let half = 0.5 * width_px;
-    let reach = half + 1.0;
-    let (dx, dy) = if length > 0.0 {
-        ((to.x - from.x) / length, (to.y - from.y) / length)
-    } else {
-        (1.0, 0.0)
-    };
-    let x_range =
-        (from.x.min(to.x) - reach).floor() as i64..=(from.x.max(to.x) + reach).ceil() as i64;
-    let y_range =
-        (from.y.min(to.y) - reach).floor() as i64..=(from.y.max(to.y) + reach).ceil() as i64;
-    for y in y_range {
-        // Only the part of the row that is near the line.
-        let py = y as f64 + 0.5;
-        let (low, high) = if dy.abs() > 1e-9 {
-            let at = |offset: f64| from.x + (py - from.y) * dx / dy + offset / dy.abs();
-            (at(-reach).floor() as i64, at(reach).ceil() as i64)
-        } else {
-            (*x_range.start(), *x_range.end())
-        };
-        for x in low.max(*x_range.start())..=high.min(*x_range.end()) {
-            let (rx, ry) = (x as f64 + 0.5 - from.x, py - from.y);
-            let along = (rx * dx + ry * dy).clamp(0.0, length);
-            let distance = (rx - along * dx).hypot(ry - along * dy);
-            let share = (half + 0.5 - distance).clamp(0.0, 1.0);
-            if share > 0.0 {
-                blend(picture, x, y, color, share);
-            }
-        }
+/// A disc around a corner-based pixel.
+fn disc(pixels: &mut Pixmap, center: Pixel, radius_px: f64, color: Rgb<u8>) {
+    if let Some(path) = PathBuilder::from_circle(center.x as f32, center.y as f32, radius_px as f32)
+    {
+        let rule = FillRule::Winding;
+        pixels.fill_path(&path, &paint(color, 1.0), rule, Transform::identity(), None);
     }
-}
-
-/// The part of a line that can touch the picture.
-fn cut(picture: &RgbImage, from: Pixel, to: Pixel, width_px: f64) -> Option<(Pixel, Pixel)> {
-    let margin = width_px + 2.0;
-    let (w, h) = (f64::from(picture.width()), f64::from(picture.height()));
-    let (dx, dy) = (to.x - from.x, to.y - from.y);
-    let (mut low, mut high) = (0.0f64, 1.0f64);
-    for (start, step, min, max) in [
-        (from.x, dx, -margin, w + margin),
-        (from.y, dy, -margin, h + margin),
-    ] {
-        if !(start.is_finite() && step.is_finite()) {
-            return None;
-        }
-        if step == 0.0 {
-            if start < min || start > max {
-                return None;
-            }
-            continue;
-        }
-        let (a, b) = ((min - start) / step, (max - start) / step);
-        low = low.max(a.min(b));
-        high = high.min(a.max(b));
-    }
-    (low <= high).then(|| {
-        let at = |s: f64| Pixel::new(from.x + s * dx, from.y + s * dy);
-        (at(low), at(high))
-    })
 }
 
 /// A ring around a corner-based pixel.
-fn ring(picture: &mut RgbImage, center: Pixel, radius_px: f64, color: Rgb<u8>) {
-    let reach = radius_px + 1.5;
-    for y in (center.y - reach).floor() as i64..=(center.y + reach).ceil() as i64 {
-        for x in (center.x - reach).floor() as i64..=(center.x + reach).ceil() as i64 {
-            let distance = (x as f64 + 0.5 - center.x).hypot(y as f64 + 0.5 - center.y);
-            let share = (1.1 - (distance - radius_px).abs()).clamp(0.0, 1.0);
-            if share > 0.0 {
-                blend(picture, x, y, color, share);
-            }
-        }
+fn ring(pixels: &mut Pixmap, center: Pixel, radius_px: f64, color: Rgb<u8>) {
+    let stroke = tiny_skia::Stroke {
+        width: 1.7,
+        ..tiny_skia::Stroke::default()
+    };
+    if let Some(path) = PathBuilder::from_circle(center.x as f32, center.y as f32, radius_px as f32)
+    {
+        pixels.stroke_path(
+            &path,
+            &paint(color, 1.0),
+            &stroke,
+            Transform::identity(),
+            None,
+        );
     }
 }
 
@@ -178,7 +150,7 @@ pub struct Stroke {
 /// of the picture, widths those of the canvas.
 #[derive(Debug, Clone)]
 pub struct Canvas {
-    pixels: RgbImage,
+    pixels: Pixmap,
     scale: u32,
 }
 
@@ -190,14 +162,14 @@ impl Canvas {
     pub fn new(picture: &RgbImage, brightness: f64) -> Self {
         let (w, h) = picture.dimensions();
         let scale = MIN_LONG_SIDE.div_ceil(w.max(h).max(1)).clamp(1, 4);
-        let mut pixels = image::imageops::resize(
-            picture,
-            w * scale,
-            h * scale,
-            image::imageops::FilterType::CatmullRom,
-        );
-        for value in pixels.iter_mut() {
-            *value = (f64::from(*value) * brightness).round() as u8;
+        // A picture of no pixels has a canvas of one, on which nothing is seen.
+        let (w, h) = (w.max(1) * scale, h.max(1) * scale);
+        let enlarged =
+            image::imageops::resize(picture, w, h, image::imageops::FilterType::CatmullRom);
+        let mut pixels = Pixmap::new(w, h).expect("sides of at least one pixel");
+        for (to, from) in pixels.pixels_mut().iter_mut().zip(enlarged.pixels()) {
+            let [r, g, b] = from.0.map(|v| (f64::from(v) * brightness).round() as u8);
+            *to = opaque(Rgb([r, g, b]));
         }
         Self { pixels, scale }
     }
@@ -209,16 +181,17 @@ impl Canvas {
 
     /// A stroke through places of the picture that follow each other.
     fn strokes(&mut self, pieces: &[[Pixel; 2]], stroke: Stroke) {
+        let pieces: Vec<[Pixel; 2]> = pieces
+            .iter()
+            .map(|ends| ends.map(|p| self.place(p)))
+            .collect();
         let width = stroke.width_px + 2.0 * stroke.edge_px;
         for (width, color, is_wanted) in [
             (width, BLACK, stroke.edge_px > 0.0),
             (stroke.width_px, stroke.color, true),
         ] {
             if is_wanted {
-                for [from, to] in pieces {
-                    let (from, to) = (self.place(*from), self.place(*to));
-                    line(&mut self.pixels, from, to, width, color);
-                }
+                lines(&mut self.pixels, &pieces, width, color);
             }
         }
     }
@@ -245,14 +218,8 @@ impl Canvas {
     /// A disc with a thin dark edge around a place.
     pub fn disc(&mut self, center: Pixel, radius_px: f64, color: Rgb<u8>) {
         let center = self.place(center);
-        line(
-            &mut self.pixels,
-            center,
-            center,
-            2.0 * radius_px + 1.5,
-            BLACK,
-        );
-        line(&mut self.pixels, center, center, 2.0 * radius_px, color);
+        disc(&mut self.pixels, center, radius_px + 0.75, BLACK);
+        disc(&mut self.pixels, center, radius_px, color);
     }
 
     /// A ring around a place.
@@ -268,7 +235,10 @@ impl Canvas {
 
     /// The finished picture.
     pub fn into_picture(self) -> RgbImage {
-        self.pixels
+        let pixels = self.pixels.pixels().iter();
+        let values = pixels.flat_map(|p| [p.red(), p.green(), p.blue()]);
+        RgbImage::from_vec(self.pixels.width(), self.pixels.height(), values.collect())
+            .expect("three values for each pixel")
     }
 }
 
@@ -278,32 +248,22 @@ mod tests {
 
     #[test]
     fn a_line_covers_its_pixels_and_nothing_else() {
-        let mut picture = RgbImage::new(20, 10);
-        line(
-            &mut picture,
-            Pixel::new(-100.0, 5.5),
-            Pixel::new(100.0, 5.5),
-            1.0,
-            GREEN,
-        );
-        assert!((0..20).all(|x| *picture.get_pixel(x, 5) == GREEN));
-        assert!((0..20).all(|x| picture.get_pixel(x, 3).0 == [0; 3]));
-        let before = picture.clone();
-        line(
-            &mut picture,
-            Pixel::new(30.0, 30.0),
-            Pixel::new(90.0, 31.0),
-            1.0,
-            RED,
-        );
-        line(
-            &mut picture,
-            Pixel::new(f64::NAN, 0.0),
-            Pixel::new(9.0, 3.0),
-            1.0,
-            RED,
-        );
-        assert_eq!(picture, before);
+        let stroke = |color| Stroke {
+            width_px: 3.0,
+            color,
+            edge_px: 0.0,
+        };
+        let (width, height) = (MIN_LONG_SIDE, 10);
+        let mut canvas = Canvas::new(&RgbImage::new(width, height), 1.0);
+        let from = Pixel::new(-1e4, 5.5);
+        canvas.line(from, Pixel::new(1e4, 5.5), stroke(GREEN));
+        let picture = canvas.clone().into_picture();
+        assert!((0..width).all(|x| *picture.get_pixel(x, 5) == GREEN));
+        assert!((0..width).all(|x| picture.get_pixel(x, 2).0 == [0; 3]));
+        canvas.line(Pixel::new(30.0, 30.0), Pixel::new(90.0, 31.0), stroke(RED));
+        canvas.line(Pixel::new(f64::NAN, 0.0), Pixel::new(9.0, 3.0), stroke(RED));
+        canvas.line(Pixel::new(-1e30, 0.0), Pixel::new(-1e29, 9.0), stroke(RED));
+        assert_eq!(canvas.into_picture(), picture);
     }
 
     #[test]

@@ -7,7 +7,7 @@ const skip = haveSample() ? false : "the sample scene is not there: run `cargo x
 
 test("every kind of picture is taken, and the same pixels give the same position", { skip, timeout: 240_000 }, async (t) => {
   const { page } = await blank(t);
-  const seen = await page.evaluate(async () => {
+  const { positions: seen, reason } = await page.evaluate(async () => {
     const intrinsics = globalThis.sample.camera;
     const { width, height } = intrinsics;
     const relocalizer = await globalThis.make();
@@ -51,9 +51,13 @@ test("every kind of picture is taken, and the same pixels give the same position
       positions[kind] = placement ? Object.values(placement.position) : reason;
     }
     frame.close();
+    const empty = new OffscreenCanvas(width, height);
+    empty.getContext("2d").clearRect(0, 0, 1, 1);
+    const { reason } = await relocalizer.locate(empty, { intrinsics });
     await relocalizer.dispose();
-    return positions;
+    return { positions, reason };
   });
+  assert.equal(reason, "few-features", "a transparent picture does not show the one before it");
   for (const [kind, position] of Object.entries(seen)) {
     const apart = Math.max(...position.map((v, i) => Math.abs(v - seen.ImageData[i])));
     // Video frames may pass through another colour format, which rounds.

@@ -136,7 +136,10 @@ test("a build can be cancelled at every stage, and made again", { timeout: 240_0
     const build = mapper.build({ signal: stop.signal, onProgress: (p) => p.stage === stage && stop.abort(new Error(`at ${stage}`)) });
     await assert.rejects(build, { message: `at ${stage}` });
   }
-  const { report } = await mapper.build();
+  const built = mapper.build();
+  await assert.rejects(mapper.addFrame({ data: new Uint8Array(64 * 64), width: 64, height: 64, format: "luma8" }), { code: "bad-input", message: /being made/ });
+  await assert.rejects(mapper.clear(), { code: "bad-input" });
+  const { report } = await built;
   assert.ok(report.points > 100);
 });
 

@@ -64,10 +64,16 @@ test("code in the documents type-checks as it is printed", async (t) => {
   assert.match((await check()).stdout, /plaecment/);
 });
 
+/** The import map as the package's page prints it. */
+async function printedImports() {
+  const html = await snippet(npmReadme, 'type="importmap"');
+  return JSON.parse(/<script type="importmap">(.*?)<\/script>/s.exec(html)[1]).imports;
+}
+
 test("the first lines of the package's page locate its sample", { timeout: 240_000 }, async (t) => {
   const folder = await installed(t);
   const code = await snippet(npmReadme, "await fetch(picture)");
-  const imports = { landline: "./node_modules/landline/index.js", "landline/sample": "./node_modules/landline/sample.js" };
+  const imports = await printedImports();
   const html = `<!doctype html><meta charset="utf-8"><link rel="icon" href="data:,"><script type="importmap">${JSON.stringify({ imports })}</script>
     <script type="module">${code}
     import { position as truth } from "landline/sample";
@@ -113,7 +119,7 @@ test("the lines for Node locate the sample", { timeout: 240_000 }, async (t) => 
 test("the lines for a camera follow it, and stop", { timeout: 240_000 }, async (t) => {
   const folder = await installed(t);
   const code = await snippet(npmReadme, "button.onclick = start");
-  const imports = { landline: "./node_modules/landline/index.js", "landline/sample": "./node_modules/landline/sample.js" };
+  const imports = await printedImports();
   await writeFile(join(folder, "index.html"), `<!doctype html><meta charset="utf-8"><link rel="icon" href="data:,"><body><script type="importmap">${JSON.stringify({ imports })}</script><script type="module">${code}</script>`);
   const server = await serve(t, { dir: folder });
   const flags = await fakeCamera(t, [join(folder, "node_modules/landline/sample/picture.jpg")], 60);

@@ -29,6 +29,8 @@ export class PixelReader {
   #pixels(frame: WireFrame, width: number, height: number): { data: Uint8Array | Uint8ClampedArray; stride: number; format: keyof typeof formatCode } {
     if ("data" in frame) return { data: frame.data, stride: frame.stride ?? 0, format: frame.format };
     const context = this.#canvas(width, height);
+    // Where a picture is transparent the one before would show through.
+    context.globalCompositeOperation = "copy";
     context.drawImage(frame as CanvasImageSource, 0, 0, width, height);
     return { data: context.getImageData(0, 0, width, height).data, stride: 4 * width, format: "rgba8" };
   }

@@ -114,9 +114,9 @@ export class Mapper extends EventTarget {
     return { keyframes: this.#kept.length, enough: Math.min(enoughKeyframes, this.#most), most: this.#most, frames: this.#frames, notKept: { ...this.#notKept } };
   }
 
-  /** Looks at a frame, and keeps what it shows if it helps. Frames are answered in the order of the calls. */
+  /** Looks at a frame, and keeps what it shows if it helps; a map that was made before is out of date then. Frames are answered in the order of the calls; while a map is made they are refused. */
   async addFrame(source: FrameSource, options: FrameOptions = {}): Promise<FrameVerdict> {
-    this.#check();
+    this.#checkIdle();
     checkFrameOptions(options);
     const pose = cameraFromWorldOf(options.pose, "pose");
     const { gravity: g, timestamp, name } = options;
@@ -124,7 +124,7 @@ export class Mapper extends EventTarget {
     const { frame } = prepared;
     let verdict: FrameVerdict;
     try {
-      this.#check();
+      this.#checkIdle();
       const { width, height } = sizeOf(frame);
       const given = options.intrinsics ?? prepared.exif;
       const k = given && intrinsicsForFrame(given, width, height);
@@ -173,7 +173,7 @@ export class Mapper extends EventTarget {
 
   /** Forgets the film. */
   async clear(): Promise<void> {
-    this.#check();
+    this.#checkIdle();
     await this.#channel.call("clear", null);
     this.#kept = [];
     this.#frames = 0;
@@ -208,14 +208,19 @@ export class Mapper extends EventTarget {
     if (this.#disposed) throw disposed();
   }
 
+  /** A frame that came in the middle of a map would undo it. */
+  #checkIdle(): void {
+    this.#check();
+    if (this.#isWorking) throw new LandlineError("bad-input", "a map is being made already", "Wait for it, or cancel it by its signal.");
+  }
+
   #raise<K extends keyof MapperEvents>(type: K, detail: MapperEvents[K]["detail"]): void {
     this.dispatchEvent(new CustomEvent(type, { detail }));
   }
 
   /** One piece of long work, with its progress and its cancelling. */
   async #work<T>({ signal, onProgress }: { signal?: AbortSignal; onProgress?: (progress: MapProgress) => void }, eta: Eta, run: () => Promise<T>): Promise<T> {
-    this.#check();
-    if (this.#isWorking) throw new LandlineError("bad-input", "a map is being made already", "Wait for it, or cancel it by its signal.");
+    this.#checkIdle();
     signal?.throwIfAborted();
     this.#isWorking = true;
     const cancel = (): void => void this.#channel.call("cancel", null).catch(() => undefined);

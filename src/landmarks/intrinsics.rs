@@ -59,14 +59,13 @@ impl Change {
     fn apply(&self, camera: &Camera) -> Camera {
         let [ln_focal, ln_aspect, x, y] = self.values;
         let side = f64::from(camera.width.max(camera.height));
-        let center = camera.principal_point();
-        let mut map = PixelMap::<(), ()>::from_scale(exp(ln_focal), exp(ln_focal + ln_aspect));
-        map.offset_x = (1.0 - map.scale_x) * center.x + x * side;
-        map.offset_y = (1.0 - map.scale_y) * center.y + y * side;
+        let mut shift = PixelMap::<(), ()>::from_scale(1.0, 1.0);
+        (shift.offset_x, shift.offset_y) = (x * side, y * side);
+        let focals = [exp(ln_focal), exp(ln_focal + ln_aspect)];
         Camera {
             width: camera.width,
             height: camera.height,
-            ..camera.resized(&map)
+            ..camera.with_focals_scaled(focals).resized(&shift)
         }
     }
 }

@@ -17,6 +17,9 @@ const MAX_SCENE_CAMERAS: usize = 3;
 const AGREEING_LN: f64 = 0.02;
 const AGREEING_SIGMAS: f64 = 3.0;
 
+/// Less is told by the matches that were found, where it matters.
+const LEAST_SQUEEZE_LN: f64 = 0.05;
+
 /// A camera in pixels of the frame, where it comes from, and how free its focal length is.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Start {
@@ -47,7 +50,13 @@ impl Starts {
             rest: [None; MAX_SCENE_CAMERAS],
         };
         if let Some(camera) = query.camera {
-            return Ok(alone(Start::given(size, camera, query.camera_source)?));
+            let mut starts = alone(Start::given(size, camera, query.camera_source)?);
+            let own = scene.camera.filter(|_| is_checked);
+            let doubts = own.and_then(|own| Start::in_shape_of(&own, &camera));
+            for (room, start) in starts.rest.iter_mut().zip(doubts.into_iter().flatten()) {
+                *room = Some(start);
+            }
+            return Ok(starts);
         }
         let (width, height) = size;
         let mut cameras = scene
@@ -126,6 +135,25 @@ impl Start {
                 }
             },
         }
+    }
+
+    /// A given camera whose two focal lengths have another ratio than those of the scene's own, with that ratio: by the one, and by
+    /// the other. The picture may have been squeezed so; or the intrinsics were.
+    fn in_shape_of(own: &Camera, camera: &Camera) -> Option<[Self; 2]> {
+        let ratio = |c: &Camera| c.focal_px().1 / c.focal_px().0;
+        let factor = ratio(own) / ratio(camera);
+        (ln(factor).abs() > LEAST_SQUEEZE_LN).then(|| {
+            [[1.0, factor], [1.0 / factor, 1.0]].map(|factors| Self {
+                camera: camera.with_focals_scaled(factors),
+                source: CameraSource::Estimated,
+                focal: Focal::Known,
+            })
+        })
+    }
+
+    /// Whether it stands for a given camera that is doubted.
+    pub(super) fn is_doubt(&self) -> bool {
+        self.source == CameraSource::Estimated
     }
 
     /// Whether somebody says that it is this frame's camera.
@@ -236,6 +264,16 @@ mod tests {
         assert_eq!(
             starts((640, 480), &given, &scene),
             [(700.0, CameraSource::Given, true)]
+        );
+        // Squeezed, unlike the scene's own: as it is, then with either focal length as the other says.
+        let squeezed = Camera::centered(640, 480, 700.0).with_focals_scaled([1.0, 0.8]);
+        assert_eq!(
+            starts((640, 480), &Query::with_camera(squeezed), &scene),
+            [
+                (700.0, CameraSource::Given, true),
+                (700.0, CameraSource::Estimated, true),
+                (560.0, CameraSource::Estimated, true)
+            ]
         );
         let learned = |focal_px: f64| Query {
             focal: Some(FocalBelief {

@@ -182,6 +182,8 @@ test("a frame of the scene's own camera needs no intrinsics, another camera is f
     const given = (fx) => ({ intrinsics: { ...camera, fx, fy: fx } });
     const wrong = [];
     for (const factor of [0.8, 1.25]) wrong.push(short(await relocalizer.locate(await globalThis.picture(4), given(factor * camera.fx))));
+    // One focal length alone: the picture is not squeezed.
+    for (const other of [{ fy: 600 }, { fy: 700 }, { fx: 640 }]) wrong.push(short(await relocalizer.locate(await globalThis.picture(0), { intrinsics: { ...camera, ...other } })));
     const turned = [];
     for (const quarters of [1, 3]) turned.push(short(await relocalizer.locate(await file(0, { quarters }))));
     const asked = short(await relocalizer.locate(await changed(0, { quarters: 1 }), { explain: true }));

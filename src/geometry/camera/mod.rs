@@ -122,6 +122,19 @@ impl Camera {
         }
     }
 
+    /// The same with its two focal lengths scaled each by its own factor; the principal point stays.
+    pub fn with_focals_scaled(&self, [x, y]: [f64; 2]) -> Self {
+        let center = self.principal_point();
+        let mut map = PixelMap::<(), ()>::from_scale(x, y);
+        map.offset_x = (1.0 - x) * center.x;
+        map.offset_y = (1.0 - y) * center.y;
+        Self {
+            width: self.width,
+            height: self.height,
+            ..self.resized(&map)
+        }
+    }
+
     /// The camera for pictures of another size, taken to be the same pictures resized; `None` where the shape differs by more
     /// than a size rounded to whole pixels does.
     pub fn for_size(&self, width: u32, height: u32) -> Option<Self> {

@@ -529,7 +529,7 @@ export declare class Mapper extends EventTarget {
     /** Frames that were kept. */
     get keyframes(): number;
     get coverage(): Coverage;
-    /** Looks at a frame, and keeps what it shows if it helps. Frames are answered in the order of the calls. */
+    /** Looks at a frame, and keeps what it shows if it helps; a map that was made before is out of date then. Frames are answered in the order of the calls; while a map is made they are refused. */
     addFrame(source: FrameSource, options?: FrameOptions): Promise<FrameVerdict>;
     /** Makes a scene of the keyframes. They stay, so that after an error or a cancel more can be filmed. */
     build(options?: BuildOptions): Promise<MapResult>;

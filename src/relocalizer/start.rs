@@ -138,16 +138,23 @@ impl Start {
     }
 
     /// A given camera whose two focal lengths have another ratio than those of the scene's own, with that ratio: by the one, and by
-    /// the other. The picture may have been squeezed so; or the intrinsics were.
+    /// the other. The picture may have been squeezed so; or the intrinsics were. Before a flat wall both may do as well: what is
+    /// nearer to the scene's own camera comes first.
     fn in_shape_of(own: &Camera, camera: &Camera) -> Option<[Self; 2]> {
         let ratio = |c: &Camera| c.focal_px().1 / c.focal_px().0;
         let factor = ratio(own) / ratio(camera);
         (ln(factor).abs() > LEAST_SQUEEZE_LN).then(|| {
-            [[1.0, factor], [1.0 / factor, 1.0]].map(|factors| Self {
+            let mut doubts = [[1.0, factor], [1.0 / factor, 1.0]].map(|factors| Self {
                 camera: camera.with_focals_scaled(factors),
                 source: CameraSource::Estimated,
                 focal: Focal::Known,
-            })
+            });
+            let wide = |c: &Camera| c.focal_px().0 / f64::from(c.width);
+            let [by_x, by_y] = doubts.map(|d| ln(wide(&d.camera) / wide(own)).abs());
+            if by_y < by_x {
+                doubts.reverse();
+            }
+            doubts
         })
     }
 
@@ -271,8 +278,8 @@ mod tests {
             starts((640, 480), &Query::with_camera(squeezed), &scene),
             [
                 (700.0, CameraSource::Given, true),
-                (700.0, CameraSource::Estimated, true),
-                (560.0, CameraSource::Estimated, true)
+                (560.0, CameraSource::Estimated, true),
+                (700.0, CameraSource::Estimated, true)
             ]
         );
         let learned = |focal_px: f64| Query {

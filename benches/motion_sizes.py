@@ -51,7 +51,7 @@ def panel(left, title, unit, curves):
         points = " ".join(f"{x:.1f},{y:.1f}" for x, y in (place(*at) for at in curve))
         out.append(f'<polyline points="{points}" class="c{k}"/>')
         x, y = place(*curve[-1])
-        out.append(f'<text x="{x - 4:.1f}" y="{y - 8 if k == 0 else y + 16:.1f}" text-anchor="end" class="t{k}">{name}</text>')
+        out.append(f'<text x="{x - 4:.1f}" y="{y + 34 if k == 0 else y - 8:.1f}" text-anchor="end" class="t{k}">{name}</text>')
     return out
 
 

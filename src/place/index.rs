@@ -9,6 +9,7 @@ use super::words::{NUM_NODES, NUM_WORDS, Words};
 use crate::features::FeatureSet;
 use crate::landmarks::code::{CODE_BITS, SignCode, decode, signs};
 use crate::math::elementary::ln;
+use crate::math::order::sort_by;
 use crate::nn::{WeightTensor, Weights};
 use crate::scene_file::{
     Element, RawTensor, SceneFile, SceneFileError, TensorFile, serialize_with,
@@ -337,22 +338,11 @@ fn damaged(reason: String) -> PlaceError {
     PlaceError::Index(SceneFileError::Header { reason })
 }
 
-/// Orders rooms by score, equal ones by their place in the manifest. An insertion: rooms are some dozens, and the library's
-/// sort would be 9 kB of every page's engine for each place that calls it.
+/// Orders rooms by score, equal ones by their place in the manifest.
 pub(super) fn best_first(rooms: &mut [RoomScore]) {
-    let before = |a: &RoomScore, b: &RoomScore| {
-        b.score
-            .total_cmp(&a.score)
-            .then(a.room.cmp(&b.room))
-            .is_lt()
-    };
-    for end in 1..rooms.len() {
-        let mut at = end;
-        while at > 0 && before(&rooms[at], &rooms[at - 1]) {
-            rooms.swap(at, at - 1);
-            at -= 1;
-        }
-    }
+    sort_by(rooms, |a, b| {
+        b.score.total_cmp(&a.score).then(a.room.cmp(&b.room))
+    });
 }
 
 #[cfg(test)]

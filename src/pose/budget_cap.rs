@@ -31,7 +31,7 @@ mod tests {
         let mut cap = Best::default();
         let confidence = |i: u32| if i < 10 { 0.9 } else { 0.5 };
         let usable = (0..1000).map(|i| (scattered(i), confidence(i)));
-        assert_eq!(cap.choose(110, usable), 890);
+        assert_eq!(cap.choose(110, usable.clone()), 890);
         let kept: Vec<u32> = (0..1000)
             .filter(|i| cap.keeps(scattered(*i), confidence(*i)))
             .collect();
@@ -41,6 +41,8 @@ mod tests {
         let in_first_half = kept.iter().filter(|i| (10..505).contains(*i)).count();
         assert!((40..=60).contains(&in_first_half), "{in_first_half}");
 
-        assert_eq!(room(None), usize::MAX);
+        assert_eq!(cap.choose(1000, usable.clone()), 0);
+        assert!(usable.clone().all(|(i, c)| cap.keeps(i, c)));
+        assert_eq!(cap.choose(room(None), usable), 0);
     }
 }

@@ -7,7 +7,9 @@ pub use legend::{Entry, Legend, Mark};
 use image::{Rgb, RgbImage};
 use landline::geometry::{CamFromWorld, Camera, Pixel};
 use nalgebra::Vector3;
-use tiny_skia::{FillRule, LineCap, Paint, PathBuilder, Pixmap, PremultipliedColorU8, Transform};
+use tiny_skia::{
+    FillRule, LineCap, Paint, Path, PathBuilder, Pixmap, PremultipliedColorU8, Transform,
+};
 
 /// Agrees with the pose.
 pub const GREEN: Rgb<u8> = Rgb([40, 220, 90]);
@@ -73,21 +75,25 @@ fn lines(pixels: &mut Pixmap, pieces: &[[Pixel; 2]], width_px: f64, color: Rgb<u
         line_cap: LineCap::Round,
         ..tiny_skia::Stroke::default()
     };
-    if let Some(path) = path.finish() {
-        pixels.stroke_path(
-            &path,
-            &paint(color, 1.0),
-            &stroke,
-            Transform::identity(),
-            None,
-        );
+    along(pixels, path.finish(), &stroke, color);
+}
+
+/// Draws along a path, where there is one.
+fn along(pixels: &mut Pixmap, path: Option<Path>, stroke: &tiny_skia::Stroke, color: Rgb<u8>) {
+    if let Some(path) = path {
+        let paint = paint(color, 1.0);
+        pixels.stroke_path(&path, &paint, stroke, Transform::identity(), None);
     }
+}
+
+/// The edge of a disc; `None` where it is not finite.
+fn circle(center: Pixel, radius_px: f64) -> Option<Path> {
+    PathBuilder::from_circle(center.x as f32, center.y as f32, radius_px as f32)
 }
 
 /// A disc around a corner-based pixel.
 fn disc(pixels: &mut Pixmap, center: Pixel, radius_px: f64, color: Rgb<u8>) {
-    if let Some(path) = PathBuilder::from_circle(center.x as f32, center.y as f32, radius_px as f32)
-    {
+    if let Some(path) = circle(center, radius_px) {
         let rule = FillRule::Winding;
         pixels.fill_path(&path, &paint(color, 1.0), rule, Transform::identity(), None);
     }
@@ -99,16 +105,7 @@ fn ring(pixels: &mut Pixmap, center: Pixel, radius_px: f64, color: Rgb<u8>) {
         width: 1.7,
         ..tiny_skia::Stroke::default()
     };
-    if let Some(path) = PathBuilder::from_circle(center.x as f32, center.y as f32, radius_px as f32)
-    {
-        pixels.stroke_path(
-            &path,
-            &paint(color, 1.0),
-            &stroke,
-            Transform::identity(),
-            None,
-        );
-    }
+    along(pixels, circle(center, radius_px), &stroke, color);
 }
 
 /// The picture positions along a 3D segment as a camera sees it: cut at the near plane, in pieces, so that lens distortion
@@ -259,7 +256,7 @@ mod tests {
         canvas.line(from, Pixel::new(1e4, 5.5), stroke(GREEN));
         let picture = canvas.clone().into_picture();
         assert!((0..width).all(|x| *picture.get_pixel(x, 5) == GREEN));
-        assert!((0..width).all(|x| picture.get_pixel(x, 2).0 == [0; 3]));
+        assert!((0..width).all(|x| picture.get_pixel(x, 3).0 == [0; 3]));
         canvas.line(Pixel::new(30.0, 30.0), Pixel::new(90.0, 31.0), stroke(RED));
         canvas.line(Pixel::new(f64::NAN, 0.0), Pixel::new(9.0, 3.0), stroke(RED));
         canvas.line(Pixel::new(-1e30, 0.0), Pixel::new(-1e29, 9.0), stroke(RED));

@@ -5,8 +5,10 @@
 
 Every fourth test picture of each room as it is, and every eighth one zoomed (the middle, enlarged by a quarter), squeezed (to three
 quarters of its height), cropped (an eighth of the top and a quarter of the left are missing), mirrored and turned by 90 degrees.
-The intrinsics of the whole picture are passed with what keeps its size; the others come without any. Each scene also gets the
-plain pictures of the other rooms. With `--all`: every test picture as it is, every second one altered, and every second of all
+The intrinsics of the whole picture are passed with what keeps its size; the others come without any. Then the same eighth with
+intrinsics that are told rightly of a part and of a squeezed picture, and wrongly: a squeezed picture told as a part, principal
+points and focal lengths that are off. Each scene also gets the plain pictures of the other rooms. The rendered sample room of the
+demo is one of them. With `--all`: every test picture as it is, every second one altered, and every second of all
 pictures of the other rooms. Needs numpy and pillow.
 """
 
@@ -42,23 +44,57 @@ def center(numbers):
     return -rotation(q).T @ np.array([float(v) for v in numbers[4:7]])
 
 
-def rooms(data):
-    """Per room: test pictures, positions of the camera by name, intrinsics."""
+def rooms(data, sample):
+    """Per room: scene where it is not that of its name, test pictures, positions of the camera by name, intrinsics."""
+    scene = json.loads((sample / "sample.json").read_text())
+    pictures = sorted(sample.glob("query-*.jpg"))
+    poses = [np.array(p["cam_from_world"]) for p in scene["pictures"]]
+    positions = {p.name: -m[:, :3].T @ m[:, 3] for p, m in zip(pictures, poses, strict=True)}
+    c = scene["camera"]
+    camera = "PINHOLE,{width},{height},{fx},{fy},{cx},{cy}".format(**c)
+    yield "sample", sample / "sample.landline", pictures, positions, camera
     kitchen = data / "redkitchen"
     positions = {pathlib.Path(c[0]).name: center(c[1:8]) for c in rows(kitchen / "poses_sfm.txt")}
     pictures = sorted((kitchen / "rgb").iterdir())[800:900]
     focal = rows(kitchen / "poses_sfm.txt")[0][8]
-    yield "redkitchen", pictures, positions, f"SIMPLE_PINHOLE,640,480,{focal},320,240"
+    yield "redkitchen", None, pictures, positions, f"SIMPLE_PINHOLE,640,480,{focal},320,240"
     corridor = data / "corridor"
     model = corridor / "sparse" / "0"
     positions = {c[9]: center(c[1:8]) for c in rows(model / "images.txt") if len(c) == 10}
     pictures = [corridor / "images" / c[0] for c in rows(corridor / "test8.txt")]
-    yield "corridor", pictures, positions, ",".join(rows(model / "cameras.txt")[0][1:])
+    yield "corridor", None, pictures, positions, ",".join(rows(model / "cameras.txt")[0][1:])
     hololens = data / "hololens"
     poses = [c for c in rows(hololens / "poses.txt") if len(c) >= 17]
     positions = {pathlib.Path(c[0]).name: np.array([float(c[i]) for i in (4, 8, 12)]) for c in poses}
     camera = "PINHOLE,540,360,495.56775700934577,495.4819626168224,269.50289719626164,169.1941121495327"
-    yield "hololens", sorted((hololens / "rgb").iterdir())[100:160], positions, camera
+    yield "hololens", None, sorted((hololens / "rgb").iterdir())[100:160], positions, camera
+
+
+def opencv(camera, width, height, fx=1.0, fy=1.0, cx=0.0, cy=0.0):
+    """The camera for a size, its focal lengths multiplied and its principal point moved."""
+    model, _, _, *numbers = camera.split(",")
+    n = [float(v) for v in numbers]
+    if model.startswith("SIMPLE"):
+        n.insert(1, n[0])
+    k = n[4] if model == "SIMPLE_RADIAL" else 0.0
+    values = (fx * n[0], fy * n[1], n[2] + cx, n[3] + cy, k, 0, 0, 0)
+    return ",".join(str(v) for v in ("OPENCV", width, height, *values))
+
+
+def told(camera):
+    """Altered pictures with the intrinsics that somebody tells of them: name, kind of picture, camera."""
+    _, w, h, *_ = camera.split(",")
+    w, h = int(w), int(h)
+    low = round(0.75 * h)
+    yield "part, told", "part", opencv(camera, w, low, cy=-(h - low) // 2)
+    yield "cropped, told", "cropped", opencv(camera, w - w // 4, h - h // 8, cx=-(w // 4), cy=-(h // 8))
+    yield "squeezed, told", "squeezed", opencv(camera, w, low, fy=low / h, cy=(low / h - 1) * h / 2)
+    yield "squeezed, told as a part", "squeezed", opencv(camera, w, low, cy=(low - h) / 2)
+    yield "principal point a quarter off", "same", opencv(camera, w, h, cx=-0.25 * w)
+    yield "principal point in the corner", "same", opencv(camera, w, h, cx=-w / 2, cy=-h / 2)
+    yield "focal length 1.22 times", "same", opencv(camera, w, h, fx=1.22, fy=1.22)
+    yield "focal length 0.8 times", "same", opencv(camera, w, h, fx=0.8, fy=0.8)
+    yield "one focal length 1.2 times", "same", opencv(camera, w, h, fy=1.2)
 
 
 def altered(picture, kind):
@@ -72,6 +108,11 @@ def altered(picture, kind):
         return image.resize((w, round(0.75 * h)), Image.LANCZOS)
     if kind == "cropped":
         return image.crop((w // 4, h // 8, w, h))
+    if kind == "part":
+        low = round(0.75 * h)
+        return image.crop((0, (h - low) // 2, w, (h - low) // 2 + low))
+    if kind == "same":
+        return image
     if kind == "mirrored":
         return ImageOps.mirror(image)
     return image.transpose(Image.ROTATE_90)
@@ -89,29 +130,35 @@ def main():
     parser.add_argument("--tool", required=True, help="the landline program")
     parser.add_argument("--scenes", required=True, type=pathlib.Path, help="folder with ROOM.landline")
     parser.add_argument("--data", required=True, type=pathlib.Path, help="folder of the rooms")
+    parser.add_argument("--sample", default="www/scenes/sample", type=pathlib.Path, help="folder of the sample room")
     parser.add_argument("--all", action="store_true", help="more of them: half an hour")
     args = parser.parse_args()
     step = 1 if args.all else 4
-    known = list(rooms(args.data))
+    known = list(rooms(args.data, args.sample))
     print("| scene | pictures | number | located | confident | confident and wrong | median cm |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
     answers = []
     with tempfile.TemporaryDirectory() as folder:
-        for room, pictures, positions, camera in known:
-            scene = args.scenes / f"{room}.landline"
+        for room, own_scene, pictures, positions, camera in known:
+            scene = own_scene or args.scenes / f"{room}.landline"
             few = pictures[::step] if len(pictures) > 30 else pictures
             kinds = [("as they are", few, camera, True)]
             kinds.append(("without intrinsics", few, None, True))
-            for kind in ("zoomed", "squeezed", "cropped", "mirrored", "turned"):
-                made = pathlib.Path(folder) / room / kind
-                made.mkdir(parents=True)
+            made = {}
+            for kind in ("zoomed", "squeezed", "cropped", "mirrored", "turned", "part", "same"):
+                at = pathlib.Path(folder) / room / kind
+                at.mkdir(parents=True)
                 for picture in few[::2]:
-                    altered(picture, kind).save(made / picture.name, quality=95)
+                    altered(picture, kind).save(at / picture.name, quality=95)
+                made[kind] = sorted(at.iterdir())
+            for kind in ("zoomed", "squeezed", "cropped", "mirrored", "turned"):
                 own = camera if kind in ("zoomed", "mirrored") else None
-                kinds.append((kind, sorted(made.iterdir()), own, kind not in ("mirrored", "turned")))
-            for other, foreign, _, intrinsics in known:
+                kinds.append((kind, made[kind], own, kind not in ("mirrored", "turned")))
+            kinds += [(name, made[kind], intrinsics, True) for name, kind, intrinsics in told(camera)]
+            for other, _, foreign, _, intrinsics in known:
                 if other != room:
-                    shown = sorted(foreign[0].parent.iterdir())[::2] if args.all else foreign[::4]
+                    every = sorted(p for p in foreign[0].parent.iterdir() if p.suffix in (".jpg", ".png"))
+                    shown = every[::2] if args.all else foreign[::4]
                     kinds.append((f"of {other}", shown, intrinsics, False))
             for kind, chosen, intrinsics, is_here in kinds:
                 found = locate([args.tool], scene, chosen, intrinsics)

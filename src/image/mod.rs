@@ -284,6 +284,15 @@ impl GrayImage {
         }
     }
 
+    /// The picture as seen in a mirror: left and right change places.
+    pub fn mirrored(&self) -> Self {
+        let rows = self.data.chunks_exact(self.width.max(1));
+        Self {
+            data: rows.flat_map(|row| row.iter().rev().copied()).collect(),
+            ..*self
+        }
+    }
+
     /// Gives the image a size. What the pixels hold afterwards is unspecified; memory is kept for reuse.
     pub(crate) fn set_size(&mut self, width: usize, height: usize) {
         self.width = width;
@@ -317,6 +326,9 @@ mod tests {
         let turned = image.turned_clockwise();
         assert_eq!((turned.width, turned.height), (2, 3));
         assert_eq!(turned.data, [4, 1, 5, 2, 6, 3]);
+        let mirrored = image.mirrored();
+        assert_eq!((mirrored.width, mirrored.height), (3, 2));
+        assert_eq!(mirrored.data, [3, 2, 1, 6, 5, 4]);
     }
 
     #[test]

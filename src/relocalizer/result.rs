@@ -142,6 +142,15 @@ pub struct Counts {
     pub num_line_inliers: usize,
 }
 
+impl Counts {
+    /// Points and lines that agree with the pose, as a share of those that entered the solver; 0 of none.
+    pub(super) fn agreeing_share(&self) -> f64 {
+        let agreeing = self.num_point_inliers + self.num_line_inliers;
+        let all = self.num_point_correspondences + self.num_line_correspondences;
+        agreeing as f64 / all.max(1) as f64
+    }
+}
+
 /// Everything about one frame, besides the correspondences, which the relocalizer keeps until the next frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Report {

@@ -13,12 +13,17 @@ const ASSUMED_FOCAL: f64 = 0.85;
 /// So many of a scene's cameras are tried.
 const MAX_SCENE_CAMERAS: usize = 3;
 
+/// So many starts there are after the first: other cameras of the scene, or what may be wrong with a given one.
+const MAX_REST: usize = 3;
+
 /// What earlier frames say of a camera agrees with one of the scene's up to this difference of ln f, and so many deviations.
 const AGREEING_LN: f64 = 0.02;
 const AGREEING_SIGMAS: f64 = 3.0;
 
-/// Less is told by the matches that were found, where it matters.
+/// A given camera that differs by less in its ratio of focal lengths, or, as a share of the longer side, in its principal point, is
+/// not doubted: less is told by the matches that were found, where it matters.
 const LEAST_SQUEEZE_LN: f64 = 0.05;
+const LEAST_SHIFT: f64 = 0.05;
 
 /// A camera in pixels of the frame, where it comes from, and how free its focal length is.
 #[derive(Debug, Clone, Copy)]
@@ -32,7 +37,9 @@ pub(super) struct Start {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Starts {
     pub(super) first: Start,
-    rest: [Option<Start>; MAX_SCENE_CAMERAS],
+    rest: [Option<Start>; MAX_REST],
+    /// Whether the rest doubts a given camera of a part of a picture, which is more often right than wrong.
+    pub(super) is_of_part: bool,
 }
 
 impl Starts {
@@ -47,14 +54,14 @@ impl Starts {
     ) -> Result<Self, LocateError> {
         let alone = |first| Self {
             first,
-            rest: [None; MAX_SCENE_CAMERAS],
+            rest: [None; MAX_REST],
+            is_of_part: false,
         };
         if let Some(camera) = query.camera {
             let mut starts = alone(Start::given(size, camera, query.camera_source)?);
-            let own = scene.camera.filter(|_| is_checked);
-            let doubts = own.and_then(|own| Start::in_shape_of(&own, &camera));
-            for (room, start) in starts.rest.iter_mut().zip(doubts.into_iter().flatten()) {
-                *room = Some(start);
+            if let Some(own) = scene.camera.filter(|_| is_checked) {
+                starts.rest = Start::doubts(&own, &camera);
+                starts.is_of_part = own.for_size(size.0, size.1).is_none();
             }
             return Ok(starts);
         }
@@ -137,25 +144,44 @@ impl Start {
         }
     }
 
-    /// A given camera whose two focal lengths have another ratio than those of the scene's own, with that ratio: by the one, and by
-    /// the other. The picture may have been squeezed so; or the intrinsics were. Before a flat wall both may do as well: what is
-    /// nearer to the scene's own camera comes first.
-    fn in_shape_of(own: &Camera, camera: &Camera) -> Option<[Self; 2]> {
+    /// What may be wrong with a given camera, `own` being the scene's: its principal point, where that is not the scene's own in a
+    /// picture of this size, and its ratio of focal lengths. A picture of the scene's own shape should have the scene's ratio, one of
+    /// another shape that ratio where it is a part of a picture, which is asked about, and a stretched one where it was squeezed, which
+    /// nobody says by mistake. The ratio is mended by the one focal length, and by the other; before a flat wall both may do as well,
+    /// and what is nearer to the scene's own camera comes first.
+    fn doubts(own: &Camera, camera: &Camera) -> [Option<Self>; MAX_REST] {
+        let doubted = |camera| Self {
+            camera,
+            source: CameraSource::Estimated,
+            focal: Focal::Known,
+        };
+        let whole = own.stretched_to(camera.width, camera.height);
+        let (center, told) = (whole.principal_point(), camera.principal_point());
+        let shift = (center.x - told.x).abs().max((center.y - told.y).abs());
+        let is_shifted = shift > LEAST_SHIFT * f64::from(camera.width.max(camera.height));
+        let aligned = if is_shifted {
+            camera.with_principal_point(center)
+        } else {
+            *camera
+        };
         let ratio = |c: &Camera| c.focal_px().1 / c.focal_px().0;
-        let factor = ratio(own) / ratio(camera);
-        (ln(factor).abs() > LEAST_SQUEEZE_LN).then(|| {
-            let mut doubts = [[1.0, factor], [1.0 / factor, 1.0]].map(|factors| Self {
-                camera: camera.with_focals_scaled(factors),
-                source: CameraSource::Estimated,
-                focal: Focal::Known,
-            });
-            let wide = |c: &Camera| c.focal_px().0 / f64::from(c.width);
-            let [by_x, by_y] = doubts.map(|d| ln(wide(&d.camera) / wide(own)).abs());
-            if by_y < by_x {
-                doubts.reverse();
-            }
-            doubts
-        })
+        let [as_part, as_whole] = [own, &whole].map(|c| ratio(c) / ratio(camera));
+        let is_fitting = |factor: f64| ln(factor).abs() <= LEAST_SQUEEZE_LN;
+        let factor = if is_fitting(as_part) {
+            as_whole
+        } else {
+            as_part
+        };
+        let is_squeezed = !is_fitting(as_whole);
+        let mut doubts =
+            [[1.0, factor], [1.0 / factor, 1.0]].map(|factors| aligned.with_focals_scaled(factors));
+        let wide = |c: &Camera| c.focal_px().0 / f64::from(c.width);
+        let [by_x, by_y] = doubts.map(|c| ln(wide(&c) / wide(own)).abs());
+        if by_y < by_x {
+            doubts.reverse();
+        }
+        let [first, second] = doubts.map(|c| is_squeezed.then_some(doubted(c)));
+        [is_shifted.then_some(doubted(aligned)), first, second]
     }
 
     /// Whether it stands for a given camera that is doubted.
@@ -220,6 +246,7 @@ impl Start {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Pixel;
     use crate::models::ExtractorKind;
 
     fn scene(focals: &[(u32, u32, f64)]) -> SceneInfo {
@@ -299,6 +326,46 @@ mod tests {
         };
         assert!((focal_px - 550.0).abs() < 1e-9);
         assert_eq!(source, CameraSource::Remembered);
+    }
+
+    #[test]
+    fn a_given_camera_is_doubted_where_it_cannot_be_the_whole_pictures() {
+        let scene = scene(&[(640, 480, 500.0)]);
+        let doubts = |camera: Camera| {
+            let query = Query::with_camera(camera);
+            let starts = Starts::new((camera.width, camera.height), &query, &scene, true);
+            let starts = starts.expect("makes sense");
+            let numbers = |s: Start| {
+                let at = s.camera.principal_point();
+                let (fx, fy) = s.camera.focal_px();
+                [fx, fy, at.x, at.y].map(|v| v.round() as i32)
+            };
+            (
+                starts.is_of_part,
+                starts.rest().map(numbers).collect::<Vec<_>>(),
+            )
+        };
+        let (whole, other_shape) = (false, true);
+        // Another lens of the same kind is as likely as the scene's.
+        assert_eq!(
+            doubts(Camera::centered(640, 480, 700.0)),
+            (whole, Vec::new())
+        );
+        let shifted =
+            Camera::centered(640, 480, 700.0).with_principal_point(Pixel::new(20.0, 240.0));
+        assert_eq!(doubts(shifted), (whole, vec![[700, 700, 320, 240]]));
+        // The lower part of a picture, or all of it squeezed: the one may be meant where the other is said.
+        let part = Camera::centered(640, 400, 500.0).with_principal_point(Pixel::new(320.0, 160.0));
+        let squeezed = [[500, 417, 320, 200], [600, 500, 320, 200]];
+        assert_eq!(
+            doubts(part),
+            (
+                other_shape,
+                [[500, 500, 320, 200]].into_iter().chain(squeezed).collect()
+            )
+        );
+        let told = Camera::centered(640, 400, 500.0).with_focals_scaled([1.0, 400.0 / 480.0]);
+        assert_eq!(doubts(told), (other_shape, Vec::new()));
     }
 
     /// Without landmarks nobody finds out that a frame is of another camera.

@@ -1,7 +1,7 @@
 //! The steps of one frame: begin, observe, solve.
 
 use super::Relocalizer;
-use super::accept::accept;
+use super::accept::{accept, is_fitting};
 use super::confidence::confidence;
 use super::correspond::correspondences;
 use super::error::LocateError;
@@ -57,14 +57,15 @@ struct Answer {
 
 impl Answer {
     /// Whether another start may do better: where there is no pose yet, and no reason that no camera changes; another camera of the
-    /// scene where the one that was tried proved to be another; and a given one's doubts.
-    fn is_open_to(&self, start: &Start) -> bool {
+    /// scene where the one that was tried proved to be another; and a given one's doubts, those of a part where it fits badly.
+    fn is_open_to(&self, start: &Start, is_of_part: bool) -> bool {
         match self.outcome {
             Outcome::NotLocated(NotLocated::FewFeatures | NotLocated::Timeout) => false,
             Outcome::NotLocated(_) => true,
             Outcome::Located(_) => {
                 let is_another = self.source == CameraSource::Estimated;
-                is_another && start.source == CameraSource::Scene || start.is_doubt()
+                is_another && start.source == CameraSource::Scene
+                    || start.is_doubt() && !(is_of_part && is_fitting(&self.counts))
             }
         }
     }
@@ -272,7 +273,7 @@ impl Relocalizer {
         let mut answer = self.answer(&starts.first, query, &mut stopwatch, &mut timings)?;
         let (mut from, mut is_last) = (starts.first, true);
         for start in starts.rest() {
-            if !answer.is_open_to(&start) {
+            if !answer.is_open_to(&start, starts.is_of_part) {
                 continue;
             }
             let other = self.answer(&start, query, &mut stopwatch, &mut timings)?;
@@ -337,10 +338,7 @@ impl Relocalizer {
             Ok(estimate) => {
                 (solved_camera, source, sigma_ln) =
                     start.solved(&camera, &self.working_from_sensor, &estimate);
-                let focal_sigma_ln = match source {
-                    CameraSource::Scene => self.told_focal(&estimate),
-                    _ => None,
-                };
+                let focal_sigma_ln = self.told_focal(&estimate);
                 let found = found_again.as_ref();
                 Outcome::Located(self.localization(estimate, found, source, focal_sigma_ln))
             }

@@ -29,7 +29,7 @@ use crate::image::FrameView;
 use crate::pose::{Gravity, PriorPose};
 #[cfg(feature = "webgpu")]
 use crate::relocalizer::Begun;
-use crate::relocalizer::{CameraSource, NotLocated, Observed, Query, Relocalizer, Report};
+use crate::relocalizer::{CameraSource, Observed, Query, Relocalizer, Report};
 
 /// A focal length known worse than this makes tracking limited.
 const MAX_TRACKED_SIGMA_LN: f64 = 0.05;
@@ -205,17 +205,25 @@ impl Session {
         Ok(self.follow(report, query))
     }
 
-    /// Finds out why the frame that was answered last was not located, as [`Relocalizer::explain`].
+    /// Finds out what was wrong with the frame that was answered last, as [`Relocalizer::explain`].
     ///
     /// # Errors
     /// As that.
     pub fn explain(
         &mut self,
         query: &SessionQuery<'_>,
-        reason: NotLocated,
-    ) -> Result<NotLocated, SessionError> {
+        report: &SessionReport,
+    ) -> Result<SessionReport, SessionError> {
         let alone = self.alone(query)?;
-        Ok(self.relocalizer.explain(&alone, reason)?)
+        let frame = self.relocalizer.explain(&alone, &report.frame)?;
+        if frame.outcome.located().is_some() || report.frame.outcome.located().is_none() {
+            return Ok(SessionReport { frame, ..*report });
+        }
+        Ok(SessionReport {
+            frame,
+            state: SessionState::Searching,
+            smoothed: None,
+        })
     }
 
     /// What the relocalizer is handed: all that earlier frames say about this one.

@@ -3,14 +3,12 @@
 use crate::error::{Code, from_create, from_session, js_error};
 use crate::frame::{camera_from, intrinsics_of, pixel_format, pose_from};
 use crate::gpu;
-use crate::result::{encode, encode_reason};
+use crate::result::{encode, encode_explained};
 use crate::{performance_now, units_name};
 use landline::geometry::{CamFromWorld, Camera};
 use landline::image::FrameView;
 use landline::pose::Gravity;
-use landline::relocalizer::{
-    Begun, CameraSource, CreateError, LiveOptions, Observed, Outcome, Relocalizer,
-};
+use landline::relocalizer::{Begun, CameraSource, CreateError, LiveOptions, Observed, Relocalizer};
 use landline::scene_file::{ExtractorFile, MAX_WORKING_SIDE, SceneFile, TensorFile};
 use landline::session::{Session, SessionQuery, Smoothing};
 use nalgebra::Vector3;
@@ -319,8 +317,8 @@ impl RawRelocalizer {
         Ok(())
     }
 
-    /// Third step: the pose, as numbers at [`Self::result_address`]. With `explain` a frame that is not located, and after which no
-    /// other was begun, is tried with another focal length and turned by quarters, for a better reason.
+    /// Third step: the pose, as numbers at [`Self::result_address`]. With `explain` a frame that is not located or little sure, and
+    /// after which no other was begun, is tried with another focal length, in a mirror and turned by quarters, for a better reason.
     ///
     /// # Errors
     /// A JavaScript `Error` with a `code`.
@@ -339,12 +337,12 @@ impl RawRelocalizer {
             include,
             &mut self.result,
         );
-        if let (true, Outcome::NotLocated(reason)) = (explain, report.frame.outcome) {
-            let reason = self
+        if explain {
+            let report = self
                 .session
-                .explain(&query.borrow(), reason)
+                .explain(&query.borrow(), &report)
                 .map_err(|e| from_session(&e))?;
-            encode_reason(reason, &mut self.result);
+            encode_explained(&report, &mut self.result);
         }
         Ok(())
     }

@@ -24,6 +24,9 @@ use landline::session::{LimitedReason, SessionReport, SessionState};
 /// Must equal `layoutVersion` in `web/ts/decode.ts`.
 const LAYOUT_VERSION: f64 = 2.0;
 const HEADER: usize = 102;
+/// Numbers of a point and of a line.
+const POINT: usize = 7;
+const LINE: usize = 12;
 
 /// Bits of what to include.
 pub(crate) const POINTS: u32 = 1;
@@ -131,16 +134,26 @@ pub(crate) fn encode(
     }
 }
 
-/// Writes a reason that was found out later over that of [`encode`].
-pub(crate) fn encode_reason(reason: NotLocated, out: &mut [f64]) {
+/// Writes what was found out later of a frame that is not located over what [`encode`] wrote: nothing agrees with a position.
+pub(crate) fn encode_explained(answer: &SessionReport, out: &mut [f64]) {
+    let Outcome::NotLocated(reason) = answer.frame.outcome else {
+        return;
+    };
     let clockwise_deg = match reason {
         NotLocated::Turned { clockwise_deg } => f64::from(clockwise_deg),
         _ => 0.0,
     };
-    for (at, value) in [(2, reason_code(reason)), (101, clockwise_deg)] {
-        if let Some(room) = out.get_mut(at) {
-            *room = value;
-        }
+    let (state, limited) = state_codes(answer.state);
+    let (header, lists) = out.split_at_mut(HEADER);
+    let mut put = |at: usize, values: &[f64]| header[at..at + values.len()].copy_from_slice(values);
+    put(1, &[0.0, reason_code(reason), state, limited]);
+    put(49, &[0.0; 5]);
+    put(101, &[clockwise_deg]);
+    let (points, lines) = lists.split_at_mut(POINT * header[97] as usize);
+    let points = points.iter_mut().skip(POINT - 1).step_by(POINT);
+    let lines = lines.iter_mut().skip(LINE - 1).step_by(LINE);
+    for agrees in points.chain(lines.take(header[98] as usize)) {
+        *agrees = 0.0;
     }
 }
 

@@ -146,12 +146,11 @@ impl core::fmt::Display for Apart {
     }
 }
 
-/// What ran the networks of a picture, why not a GPU that was given, how far the answer is from the CPU's, and why there is none.
+/// What ran the networks of a picture, why not a GPU that was given, and how far the answer is from the CPU's.
 struct Told {
     name: &'static str,
     why: Option<String>,
     apart: Option<Apart>,
-    reason: Option<NotLocated>,
 }
 
 /// Locates a picture, that is given with a name among the others.
@@ -177,7 +176,6 @@ fn locate(
         name: if report.on_gpu { "gpu" } else { "cpu" },
         why: relocalizer.gpu_failure().map(str::to_owned),
         apart: None,
-        reason: None,
     };
     if let Some(on_cpu) = &mut both.on_cpu {
         let expected = on_cpu
@@ -192,10 +190,7 @@ fn locate(
         .overlay
         .as_ref()
         .map(|_| overlay(&rgb, relocalizer, &report));
-    if let Outcome::NotLocated(reason) = report.outcome {
-        let found_out = relocalizer.explain(&query, reason).with_context(refused)?;
-        told.reason = Some(found_out);
-    }
+    let report = relocalizer.explain(&query, &report).with_context(refused)?;
     if args.json {
         println!("{}", to_json(path, &report, &told));
     } else {
@@ -244,7 +239,7 @@ fn print_report(path: &Path, report: &Report, told: &Told) {
         }
         Outcome::NotLocated(reason) => println!(
             "  not located: {} ({} keypoints, {} segments, {} + {} correspondences)",
-            told.reason.unwrap_or(*reason).message(),
+            reason.message(),
             c.num_keypoints,
             c.num_segments,
             c.num_point_correspondences,
@@ -291,11 +286,7 @@ fn to_json(path: &Path, report: &Report, told: &Told) -> serde_json::Value {
                 "log_evidence": l.estimate.log_evidence,
             }),
         ),
-        Outcome::NotLocated(reason) => (
-            json!(null),
-            json!(told.reason.unwrap_or(*reason).message()),
-            json!(null),
-        ),
+        Outcome::NotLocated(reason) => (json!(null), json!(reason.message()), json!(null)),
     };
     json!({
         "picture": path.display().to_string(),
@@ -308,11 +299,12 @@ fn to_json(path: &Path, report: &Report, told: &Told) -> serde_json::Value {
             "points": [f.found_points, f.visible_points],
             "lines": [f.found_lines, f.visible_lines],
         })),
-        "turn_clockwise_deg": match told.reason {
-            Some(NotLocated::Turned { clockwise_deg }) => Some(clockwise_deg),
+        "turn_clockwise_deg": match report.outcome {
+            Outcome::NotLocated(NotLocated::Turned { clockwise_deg }) => Some(clockwise_deg),
             _ => None,
         },
-        "focal_mismatch": report.has_focal_mismatch || told.reason == Some(NotLocated::FocalMismatch),
+        "focal_mismatch": report.has_focal_mismatch
+            || matches!(report.outcome, Outcome::NotLocated(NotLocated::FocalMismatch)),
         "focal_px": report.camera.focal_px().0,
         "camera_source": format!("{:?}", report.camera_source).to_lowercase(),
         "total_ms": report.timings.total_ms,

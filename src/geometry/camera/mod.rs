@@ -112,26 +112,35 @@ impl Camera {
 
     /// The same camera with both focal lengths multiplied.
     pub fn with_focal_scaled(&self, factor: f64) -> Self {
-        let (mut params, _) = self.model.params();
-        for f in &mut params[..self.model.num_focals()] {
+        self.with_focals_scaled([factor; 2])
+    }
+
+    /// The same with its two focal lengths scaled each by its own factor; the principal point stays. A model with one focal length
+    /// becomes the one with two when the factors differ.
+    pub fn with_focals_scaled(&self, factors: [f64; 2]) -> Self {
+        let model = if factors[0] == factors[1] {
+            self.model
+        } else {
+            self.model.with_two_focals()
+        };
+        let (mut params, _) = model.params();
+        for (f, factor) in params[..model.num_focals()].iter_mut().zip(factors) {
             *f *= factor;
         }
         Self {
-            model: self.model.with_params(params),
+            model: model.with_params(params),
             ..*self
         }
     }
 
-    /// The same with its two focal lengths scaled each by its own factor; the principal point stays.
-    pub fn with_focals_scaled(&self, [x, y]: [f64; 2]) -> Self {
-        let center = self.principal_point();
-        let mut map = PixelMap::<(), ()>::from_scale(x, y);
-        map.offset_x = (1.0 - x) * center.x;
-        map.offset_y = (1.0 - y) * center.y;
+    /// The same with another principal point.
+    pub fn with_principal_point(&self, at: Pixel) -> Self {
+        let (mut params, _) = self.model.params();
+        let n = self.model.num_focals();
+        [params[n], params[n + 1]] = [at.x, at.y];
         Self {
-            width: self.width,
-            height: self.height,
-            ..self.resized(&map)
+            model: self.model.with_params(params),
+            ..*self
         }
     }
 

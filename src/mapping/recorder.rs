@@ -54,7 +54,7 @@ pub enum DistanceError {
     #[error("there is no map yet: build it first")]
     NoMap,
     /// Not a distance.
-    #[error("the distance is {0}: expected metres above 0")]
+    #[error("the distance is {0}: expected metres, 0.001 to 100000")]
     Metres(f64),
     /// Not a keyframe of the map.
     #[error("keyframe {0} has no place in the map: choose a picture that was placed")]
@@ -240,14 +240,14 @@ impl Film {
     /// # Errors
     /// See [`DistanceError`]; nothing has changed then.
     pub fn set_distance(&mut self, known: &KnownDistance) -> Result<f64, DistanceError> {
-        if !(known.metres > 0.0 && known.metres.is_finite()) {
+        if !DISTANCES_M.contains(&known.metres) {
             return Err(DistanceError::Metres(known.metres));
         }
         let map = self.map.as_ref().ok_or(DistanceError::NoMap)?;
         let [a, b] = known.ends.map(|(k, pixel)| self.place(map, k, pixel));
-        let (a, b) = (a?, b?);
+        let ((a, away_a), (b, away_b)) = (a?, b?);
         let now = (a - b).norm();
-        if !(now > 1e-9) {
+        if !(now > LEAST_APART * away_a.max(away_b)) {
             return Err(DistanceError::Same);
         }
         let factor = known.metres / now;
@@ -258,13 +258,13 @@ impl Film {
         Ok(factor)
     }
 
-    /// Where in space the thing at a pixel is: on its ray, as deep as the points seen nearest to it.
+    /// Where in space the thing at a pixel is, on its ray, as deep as the points seen nearest to it; and how far from the camera.
     fn place(
         &self,
         map: &FilmMap,
         keyframe: usize,
         pixel: Pixel,
-    ) -> Result<Vector3<f64>, DistanceError> {
+    ) -> Result<(Vector3<f64>, f64), DistanceError> {
         let no_place = DistanceError::NoPlace(keyframe);
         let position = map.posed.binary_search(&keyframe).map_err(|_| no_place)?;
         let pose = map.cam_from_world.get(keyframe).copied().flatten();
@@ -300,11 +300,16 @@ impl Film {
                 y: pixel.y,
             });
         };
-        Ok(pose
-            .inverse()
-            .transform_point(&(bearing * (depth / bearing.z))))
+        let seen = bearing * (depth / bearing.z);
+        Ok((pose.inverse().transform_point(&seen), seen.norm()))
     }
 }
+
+/// Distances that somebody may have measured in a place, metres: what is beyond is a slip of the finger.
+const DISTANCES_M: std::ops::RangeInclusive<f64> = 1e-3..=1e5;
+
+/// Ends that are nearer to each other than this share of the farther one's depth are one place: a pixel is more.
+const LEAST_APART: f64 = 1e-3;
 
 /// Points farther from a pixel than this share of the longer side say nothing of its depth.
 const NEAR_SHARE: f64 = 0.05;

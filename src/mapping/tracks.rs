@@ -46,7 +46,7 @@ pub enum TrackError {
     /// The poses are not those of the pictures, for a reason that is none of the usual ones.
     #[error(
         "the poses contradict the pictures: {agree:.0} % of the matches between neighbours agree with them, and no usual mistake \
-         explains the others. Check that poses, intrinsics and pictures belong together; --trust-poses uses them as they are"
+         explains the others. Check that poses, intrinsics and pictures belong together"
     )]
     PosesContradicted {
         /// Per cent.

@@ -48,7 +48,7 @@ pub enum Misreading {
 
 impl std::fmt::Display for Misreading {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        const DIRECTION: &str = "world from camera, not camera from world (or the other way round); use the other --pose-direction";
+        const DIRECTION: &str = "world from camera, not camera from world (or the other way round)";
         match self {
             Self::WorldFromCam => f.write_str(DIRECTION),
             Self::Axes { axes, is_inverted } => {
@@ -59,7 +59,7 @@ impl std::fmt::Display for Misreading {
                 if *axes == CameraAxes::OPENGL {
                     f.write_str(" (OpenGL axes)")?;
                 }
-                write!(f, "; use --camera-axes {axes}")
+                Ok(())
             }
             Self::Quaternions {
                 is_real_last,
@@ -69,9 +69,9 @@ impl std::fmt::Display for Misreading {
                     write!(f, "{DIRECTION}; and ")?;
                 }
                 f.write_str(if *is_real_last {
-                    "of quaternions x y z w, with the real part last; use --quaternions xyzw"
+                    "of quaternions x y z w, with the real part last"
                 } else {
-                    "of quaternions w x y z, with the real part first; use --quaternions wxyz"
+                    "of quaternions w x y z, with the real part first"
                 })
             }
             Self::LeftHanded => f.write_str(
@@ -81,7 +81,7 @@ impl std::fmt::Display for Misreading {
             Self::WorldFromLeftHandedCam => f.write_str(
                 "mirrored and world from camera: poses of a left-handed world with y up, as Unity has it; change the sign of \
                  y in world and camera (negate the second row and the second column of the rotation and the second number \
-                 of the translation) and use --pose-direction world-from-cam",
+                 of the translation)",
             ),
             Self::MirroredPictures => f.write_str(
                 "of pictures that are not mirrored, but these are, left to right, as selfie cameras store them; mirror the \
@@ -90,7 +90,7 @@ impl std::fmt::Display for Misreading {
             Self::Focal { factor } => write!(
                 f,
                 "of a camera whose focal length is about {factor:.2} times the given one: intrinsics of another lens, or of \
-                 pictures of another size; --camera MODEL,W,H,... states the right ones"
+                 pictures of another size"
             ),
             Self::Shifted { by } => write!(
                 f,

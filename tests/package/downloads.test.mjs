@@ -102,9 +102,19 @@ test("arguments are refused by their name, and the next call works", { skip, tim
       smoothing: () => relocalizer.setOptions({ smoothing: null }),
       misspelt: () => relocalizer.setOptions({ smothing: "steady" }),
       create: () => globalThis.make({ device: "tpu" }),
+      signal: () => relocalizer.locate(frame, { signal: {} }),
+      distortion: () => relocalizer.locate(frame, { intrinsics: { fx: 1, k1: 0 } }),
+      integrity: () => globalThis.make({ integrity: { wasm: "sha256-" } }),
+      promised: () => relocalizer.locate(Promise.resolve(frame)),
+      follow: async () => landline.follow(globalThis.make(), document.createElement("video")),
+      video: async () => landline.follow(relocalizer, "#video"),
+      project: async () => landline.project(null, { fx: 1, fy: 1, cx: 0, cy: 0 }, [0, 0, 1]),
+      matrix: async () => landline.placementFrom([1, 2]),
+      numbers: async () => landline.invertRigid(new Float64Array(16).fill(NaN)),
       engine: async () => globalThis.make({ worker: false, wasm: new Uint8Array([0, 97, 115, 109, 1, 0, 0, 0]) }),
     };
     const seen = {};
+    const { landline } = globalThis;
     for (const [name, call] of Object.entries(calls)) seen[name] = await told(call());
     seen.after = (await relocalizer.locate(frame)).reason;
     seen.plain = await told(globalThis.make({ worker: false }));
@@ -126,6 +136,15 @@ test("arguments are refused by their name, and the next call works", { skip, tim
     smoothing: bad("option smoothing is null, expected off, steady or responsive"),
     misspelt: bad('setOptions() has no option "smothing"'),
     create: bad('option device is "tpu", expected auto, webgpu or cpu'),
+    signal: bad("option signal is {}, expected an AbortSignal"),
+    distortion: bad('option intrinsics is {"fx":1,"k1":0}, expected { fx, fy, cx, cy, width, height, source, relativeSigma }'),
+    integrity: bad('option integrity is {"wasm":"sha256-"}, expected { scene, extractor }'),
+    promised: bad("the frame is a Promise (an await is missing)"),
+    follow: bad("the relocalizer is a Promise (an await is missing), expected a Relocalizer or a Place"),
+    video: bad('the video is "#video", expected a video element'),
+    project: bad("the placement is null"),
+    matrix: bad("the matrix has 2 numbers or some that are none"),
+    numbers: bad("the matrix has 16 numbers or some that are none"),
     engine: "engine-version: the engine's wasm file has no memory",
     after: "few-features",
     plain: "no error",

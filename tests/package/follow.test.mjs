@@ -127,3 +127,35 @@ test("marks stay on their places in the picture that is shown, in a pan", { skip
     assert.ok(marks >= 6 && median < 4, `${marks} marks, ${median} px off at ${turn} degrees`);
   }
 });
+
+test("a video that does not play, and a relocalizer that is gone, are told once", { skip, timeout: 240_000 }, async (t) => {
+  const { page } = await blank(t);
+  const seen = await page.evaluate(async () => {
+    const { follow } = globalThis.landline;
+    const relocalizer = await globalThis.make();
+    const told = (video, then = () => undefined) =>
+      new Promise((done) => {
+        const errors = [];
+        const loop = follow(relocalizer, video, { onError: ({ code, message }) => errors.push({ code, message }) });
+        loop.addEventListener("error", () => setTimeout(() => done(errors), 300));
+        then();
+      });
+    const broken = document.createElement("video");
+    const during = await told(broken, () => (broken.src = URL.createObjectURL(new Blob(["no video"], { type: "video/mp4" }))));
+    const before = await told(broken);
+
+    const canvas = Object.assign(document.createElement("canvas"), { width: 320, height: 240 });
+    const paint = canvas.getContext("2d");
+    const timer = setInterval(() => paint.fillRect(Math.random() * 320, 0, 9, 9), 33);
+    const video = Object.assign(document.createElement("video"), { muted: true, srcObject: canvas.captureStream(30) });
+    await video.play();
+    const gone = await told(video, () => setTimeout(() => relocalizer.dispose(), 500));
+    clearInterval(timer);
+    return { during, before, gone };
+  });
+  for (const errors of [seen.during, seen.before]) {
+    assert.deepEqual(errors.map(({ code }) => code), ["asset-fetch"]);
+    assert.match(errors[0].message, /^the video does not play: ./);
+  }
+  assert.deepEqual(seen.gone.map(({ code }) => code), ["disposed"]);
+});

@@ -183,14 +183,24 @@ test("a frame of the scene's own camera needs no intrinsics, another camera is f
     const wrong = [];
     for (const factor of [0.8, 1.25]) wrong.push(short(await relocalizer.locate(await globalThis.picture(4), given(factor * camera.fx))));
     // One focal length alone: the picture is not squeezed.
-    for (const other of [{ fy: 600 }, { fy: 700 }, { fx: 640 }]) wrong.push(short(await relocalizer.locate(await globalThis.picture(0), { intrinsics: { ...camera, ...other } })));
+    for (const other of [{ fy: 600 }, { fy: 700 }, { fx: 640 }, { cx: 620 }, { cx: 0, cy: 0 }]) wrong.push(short(await relocalizer.locate(await globalThis.picture(0), { intrinsics: { ...camera, ...other } })));
+    // Squeezed to another shape, and told as a part of a picture.
+    const low = new OffscreenCanvas(camera.width, 400);
+    low.getContext("2d").drawImage(await createImageBitmap(await globalThis.picture(0)), 0, 0, camera.width, 400);
+    wrong.push(short(await relocalizer.locate(low, { intrinsics: { ...camera, cy: 200, height: 400 } })));
+    const mirror = new OffscreenCanvas(camera.width, camera.height);
+    const context = mirror.getContext("2d");
+    context.setTransform(-1, 0, 0, 1, camera.width, 0);
+    context.drawImage(await createImageBitmap(await globalThis.picture(0)), 0, 0);
+    const mirrored = await relocalizer.locate(mirror, { intrinsics: camera, explain: true, include: ["points", "lines"] });
+    const agreeing = [...mirrored.points.isInlier, ...mirrored.lines.isInlier, mirrored.quality.pointInliers, mirrored.quality.lineInliers].reduce((a, b) => a + Number(b), 0);
     const turned = [];
     for (const quarters of [1, 3]) turned.push(short(await relocalizer.locate(await file(0, { quarters }))));
     const asked = short(await relocalizer.locate(await changed(0, { quarters: 1 }), { explain: true }));
     // Pixels are not looked into, nor is a file as the frame of a moving camera.
     const light = [short(await relocalizer.locate(await changed(0, { quarters: 1 }))), short(await relocalizer.locate(await file(0, { quarters: 1 }), { tracking: true }))];
     await relocalizer.dispose();
-    return { own, zoomed, wrong, turned, asked, light, truth: camera.fx };
+    return { own, zoomed, wrong, mirrored: [mirrored.located, mirrored.reason, mirrored.state, agreeing], turned, asked, light, truth: camera.fx };
   });
   t.diagnostic(JSON.stringify(seen));
   assert.ok(seen.own.every(({ located, source }) => located && source === "scene"));
@@ -198,6 +208,7 @@ test("a frame of the scene's own camera needs no intrinsics, another camera is f
   assert.ok(seen.zoomed.located && seen.zoomed.source === "estimated" && seen.zoomed.warning === undefined, "nobody gave intrinsics");
   assert.ok(Math.abs(seen.zoomed.fx / (1.3 * seen.truth) - 1) < 0.03);
   for (const { located, warning, fx } of seen.wrong) assert.ok(located && warning === "focal-mismatch" && Math.abs(fx / seen.truth - 1) < 0.02);
+  assert.deepEqual(seen.mirrored, [false, "mirrored", "searching", 0]);
   assert.deepEqual(seen.turned.map(({ reason, turnClockwiseDeg }) => [reason, turnClockwiseDeg]), [["turned", 270], ["turned", 90]]);
   assert.deepEqual([seen.asked.reason, seen.asked.turnClockwiseDeg], ["turned", 270]);
   assert.ok(seen.light.every(({ located, reason, turnClockwiseDeg }) => !located && reason !== "turned" && turnClockwiseDeg === undefined));

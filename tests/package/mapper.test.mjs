@@ -81,6 +81,12 @@ test("a film becomes a scene that locates what it has not seen", { timeout: 240_
   assert.deepEqual(once.report.up, { x: 0, y: -1, z: 0 });
   const length = ({ report: { pictures } }) => distance(...[first, last].map((i) => Object.values(pictures[i].placement.position)));
   assert.ok(Math.abs(length(twice) / length(once) - 2) < 1e-9);
+  for (const metres of [1e-9, 1e9]) assert.equal(await code(mapper.write({ scale: { from: a, to: b, metres } })), "bad-input");
+  assert.equal(await code(mapper.write({ scale: { from: a, to: { ...a, x: a.x + 0.1 }, metres: 1 } })), "bad-input", "one place twice");
+  const broken = new Error("the page's own");
+  const refused = await mapper.write({ onProgress: () => { throw broken; } }).catch((e) => e);
+  assert.equal(refused, broken);
+  assert.equal((await mapper.write()).report.units, "metres", "the map is as it was");
   assert.equal(await code(mapper.write({ scale: { from: { keyframe: 999, x: 1, y: 1 }, to: b, metres: 1 } })), "bad-input");
 });
 
@@ -121,6 +127,10 @@ test("what is no film is refused with its reason", { timeout: 240_000 }, async (
   assert.equal(await code(mapper.addFrame(render(start.eye, 0), { pose: pose(start.eye, 0) })), "bad-input");
   assert.equal(await code(mapper.addFrame(render(start.eye, 0), { pose: [1, 2, 3] })), "bad-input");
   assert.equal(await code(mapper.addFrame(render(start.eye, 0), { when: 3 })), "bad-input");
+  // All frames have poses, or none.
+  await mapper.addFrame(render(start.eye, 0));
+  const posed = await mapper.addFrame(render(start.eye, 0.2), { pose: pose(start.eye, 0.2), intrinsics: camera }).catch((e) => e);
+  assert.deepEqual([posed.code, posed.message], ["bad-input", "this frame has a pose, those before it have none"]);
   assert.equal(await code(mapper.write()), "bad-input");
   assert.equal(await code(Mapper.create({ maxKeyframes: 1 })), "bad-input");
   assert.equal(await code(Mapper.create({ extractor: new Uint8Array(100) })), "extractor-corrupt");

@@ -25,6 +25,14 @@ export const oneOf =
   (value) =>
     words.includes(value as string) ? undefined : words.join(", ").replace(/, ([^,]*)$/, " or $1");
 export const object: Check = (value) => (typeof value === "object" && value !== null ? undefined : "an object");
+/** An object of these fields, each optional here: their own place checks what they hold. */
+export const fields =
+  (...names: string[]): Check =>
+  (value) =>
+    !object(value) && Object.keys(value as object).every((name) => names.includes(name)) ? undefined : `{ ${names.join(", ")} }`;
+export const abortSignal: Check = (value) => (typeof (value as AbortSignal | null)?.addEventListener === "function" && "aborted" in (value as AbortSignal) ? undefined : "an AbortSignal");
+/** Those of a result have two more. */
+export const intrinsics = fields("fx", "fy", "cx", "cy", "width", "height", "source", "relativeSigma");
 export const anything: Check = () => undefined; // its own place checks it
 const part = oneOf("points", "lines", "segments");
 export const included: Check = (value) => (Array.isArray(value) && value.every((name) => !part(name)) ? undefined : "a list of points, lines or segments");
@@ -44,13 +52,13 @@ export const live: Record<keyof LiveOptions, Check> = {
 export const loading = {
   extractor: anything,
   onProgress: kind("function"),
-  signal: object,
+  signal: abortSignal,
   wasm: anything,
   worker: kind("boolean"),
   workerUrl: (value) => (typeof value === "string" || value instanceof URL ? undefined : "an address"),
   cache: oneOf("default", "none"),
   stallTimeoutMs: number(1, 2 ** 31 - 1, "milliseconds from 1 to 2147483647"),
-  integrity: object,
+  integrity: fields("scene", "extractor"),
   fetch: kind("function"),
 } satisfies Partial<Record<keyof CreateOptions, Check>>;
 
@@ -65,21 +73,23 @@ const create: Record<keyof CreateOptions, Check> = {
 };
 
 export const locate: Record<keyof LocateOptions, Check> = {
-  intrinsics: object,
+  intrinsics,
   intrinsicsSource: oneOf("given", "track", "exif"),
   timestamp: number(-largest, largest, "a finite number of milliseconds"),
   include: included,
   camera: kind("string"),
   tracking: kind("boolean"),
   prior: object,
-  gravity: object,
+  gravity: fields("x", "y", "z", "sigmaRad"),
   explain: kind("boolean"),
   transfer: kind("boolean"),
-  signal: object,
+  signal: abortSignal,
 };
 
-/** A value as an error may show it: short, and on one line. */
-function shown(value: unknown): string {
+/** A value as an error may show it: short, and on one line; what is no plain object by its kind. */
+export function shown(value: unknown): string {
+  const made = (value as object | null | undefined)?.constructor?.name;
+  if (typeof value === "object" && made && !["Object", "Array"].includes(made)) return `a ${made}${made === "Promise" ? " (an await is missing)" : ""}`;
   if (typeof value === "bigint") return `${value}n`;
   if (typeof value === "number" || typeof value === "undefined" || typeof value === "symbol") return String(value);
   let text: string | undefined;

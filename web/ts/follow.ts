@@ -1,5 +1,5 @@
 /** Follows a playing video: a result for every frame, with its picture. */
-import { anything, checkOptions, included, kind, number, object, type Check } from "./arguments.js";
+import { anything, checkArgument, checkOptions, included, intrinsics, kind, number, object, type Check } from "./arguments.js";
 import { intrinsicsFromTrack } from "./camera.js";
 import { LandlineError } from "./errors.js";
 import { Follower, type AnswerUse, type FollowerResult, type LostFrame, type TrackedFrame } from "./follower.js";
@@ -53,7 +53,10 @@ export interface FollowEvents {
   corrected: CustomEvent<FollowResult>;
   /** Every answer of the relocalizer. */
   answer: CustomEvent<FollowedAnswer>;
-  /** What went wrong; the same message once, not with every frame. Where nobody listens it goes to the console. */
+  /**
+   * What went wrong; the same message once, not with every frame. Where nobody listens it goes to the console, but for `disposed`:
+   * the relocalizer is gone, and the loop has ended.
+   */
   error: CustomEvent<unknown>;
 }
 
@@ -97,7 +100,7 @@ const trackedSide = 640;
 
 const positive = number(Number.MIN_VALUE, Infinity, "a number above 0");
 const known: Record<keyof FollowOptions, Check> = {
-  intrinsics: object,
+  intrinsics,
   include: included,
   camera: anything, // locate() checks it
   maxFps: positive,
@@ -108,6 +111,9 @@ const known: Record<keyof FollowOptions, Check> = {
   onAnswer: kind("function"),
   onError: kind("function"),
 };
+
+const locator: Check = (value) => (typeof (value as Locator | undefined)?.follower === "function" ? undefined : "a Relocalizer or a Place");
+const videoElement: Check = (value) => (value instanceof HTMLVideoElement ? undefined : "a video element");
 
 /** Picture of the video now: without a copy where the browser can hold it, else what was drawn for the tracker. */
 class Held implements FollowedFrame {
@@ -184,8 +190,16 @@ class Loop extends EventTarget {
         else follower.dispose();
       })
       .catch((error: unknown) => this.#fail(error));
+    video.addEventListener("error", this.#broken);
+    // Once those who made this loop listen to it.
+    if (video.error) queueMicrotask(this.#broken);
     this.#schedule();
   }
+
+  readonly #broken = (): void => {
+    const why = this.#video.error?.message;
+    if (this.#running) this.#fail(new LandlineError("asset-fetch", `the video does not play${why ? `: ${why}` : ""}`, "Check its address and its format."));
+  };
 
   override addEventListener(...listening: Parameters<EventTarget["addEventListener"]>): void {
     this.#isHeard ||= listening[0] === "error";
@@ -195,6 +209,7 @@ class Loop extends EventTarget {
   stop(): void {
     if (!this.#running) return;
     this.#running = false;
+    this.#video.removeEventListener("error", this.#broken);
     if ("cancelVideoFrameCallback" in this.#video) this.#video.cancelVideoFrameCallback(this.#request);
     else cancelAnimationFrame(this.#request);
     this.#held?.close();
@@ -335,9 +350,10 @@ class Loop extends EventTarget {
     const code = error instanceof LandlineError ? error.code : "";
     if (code === "disposed" || code === "engine-defect") this.stop();
     const words = String((error as Error)?.message ?? error);
-    if (code === "disposed" || words === this.#told) return;
+    if (words === this.#told) return;
     this.#told = words;
-    if (!this.#options.onError && !this.#isHeard) reportError(error);
+    // A page that leaves may dispose before it stops: whoever listens hears of it, the console does not.
+    if (!this.#options.onError && !this.#isHeard && code !== "disposed") reportError(error);
     call(this.#options.onError, error);
     this.dispatchEvent(new CustomEvent("error", { detail: error }));
   }
@@ -364,6 +380,8 @@ function fitting(intrinsics: Intrinsics | undefined, { width, height }: { width:
  * hidden. Tracking runs on this thread, so that the result comes in the very callback in which the frame is shown.
  */
 export function follow(relocalizer: Locator, video: HTMLVideoElement, options: FollowOptions = {}): Following {
+  checkArgument("the relocalizer", relocalizer, locator);
+  checkArgument("the video", video, videoElement);
   checkOptions("follow", options, known);
   return new Loop(relocalizer, video, options) as unknown as Following;
 }

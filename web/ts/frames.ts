@@ -1,4 +1,5 @@
 /** Turns every kind of picture into something that can be handed to the engine's thread. */
+import { shown } from "./arguments.js";
 import { LandlineError } from "./errors.js";
 import { exifBytes, focalLength35mm, focalPxFrom35mm } from "./exif.js";
 import type { WireFrame } from "./protocol.js";
@@ -56,6 +57,9 @@ function rawFrame(source: RawFrame | ImageData): RawFrame {
 }
 
 async function bitmapOf(source: ImageBitmapSource): Promise<ImageBitmap> {
+  if (typeof createImageBitmap !== "function") {
+    throw new LandlineError("unsupported", "pictures cannot be decoded here", "Under Node, decode with a package such as sharp and pass { data, width, height, format }.");
+  }
   try {
     return await createImageBitmap(source, { colorSpaceConversion: "none", premultiplyAlpha: "none" });
   } catch (error) {
@@ -67,7 +71,7 @@ async function bitmapOf(source: ImageBitmapSource): Promise<ImageBitmap> {
 /** Prepares a frame. With `toThread` false the pixels are only looked at, never copied. */
 export async function prepareFrame(source: FrameSource, transfer: boolean, toThread: boolean): Promise<PreparedFrame> {
   if (source === null || typeof source !== "object") {
-    throw new LandlineError("bad-input", `the frame is ${source === null ? "null" : typeof source}`, "Pass an image, a video, a canvas, ImageData, or { data, width, height, format }.");
+    throw new LandlineError("bad-input", `the frame is ${shown(source)}`, "Pass an image, a video, a canvas, ImageData, or { data, width, height, format }.");
   }
   if (is<Blob>(source, "Blob")) {
     const bitmap = await bitmapOf(source);
@@ -114,7 +118,7 @@ export async function prepareFrame(source: FrameSource, transfer: boolean, toThr
     frame.data = Uint8Array.from(frame.data);
     return { frame, transfer: [frame.data.buffer as ArrayBuffer] };
   }
-  throw new LandlineError("bad-input", "the frame is of no known kind", "Pass an image, a video, a canvas, ImageData, or { data, width, height, format }.");
+  throw new LandlineError("bad-input", `the frame is ${shown(source)}`, "Pass an image, a video, a canvas, ImageData, or { data, width, height, format }.");
 }
 
 /** Checks intrinsics against the frame and scales them to it where only the size differs. */

@@ -1,8 +1,15 @@
 /** A camera's position in all the forms that are handed out: where a result's axes are flipped. */
+import { LandlineError } from "./errors.js";
 import type { Placement } from "./types.js";
 
-/** Inverse of a rigid transform, a row-major 4x4 matrix: of `cameraFromWorld` the `worldFromCamera`, and the other way round. */
+/**
+ * Inverse of a rigid transform, a row-major 4x4 matrix: of `cameraFromWorld` the `worldFromCamera`, and the other way round.
+ * @throws LandlineError `bad-input` for what is no 16 finite numbers.
+ */
 export function invertRigid(m: ArrayLike<number>): Float64Array {
+  if (m?.length !== 16 || !Array.prototype.every.call(m, Number.isFinite)) {
+    throw new LandlineError("bad-input", `the matrix has ${m?.length ?? "no"} numbers or some that are none`, "Pass the 16 numbers of a row-major 4x4 matrix, such as a placement's cameraFromWorld.");
+  }
   const at = (i: number): number => m[i] as number;
   const inverse = new Float64Array(16);
   for (let r = 0; r < 3; r++) {
@@ -46,7 +53,7 @@ function threeForms(cameraFromWorld: Float64Array, worldFromCamera: Float64Array
   return { worldFromCamera: world, cameraFromWorld: camera };
 }
 
-/** All forms of a placement from its row-major `cameraFromWorld`. */
+/** All forms of a placement from its row-major `cameraFromWorld`; throws as `invertRigid`. */
 export function placementFrom(cameraFromWorld: Float64Array): Placement {
   const worldFromCamera = invertRigid(cameraFromWorld);
   return {

@@ -62,7 +62,7 @@ export class WorkerChannel<C extends CallTable<C>> implements Channel<C> {
         this.#worker.postMessage({ id, call: name, request }, transfer);
       } catch (error) {
         this.#waiting.delete(id);
-        fail(new LandlineError("bad-input", `the frame cannot be handed over: ${String((error as Error).message ?? error)}`, "It may have been closed or transferred before.", error));
+        fail(new LandlineError("bad-input", `the frame cannot be handed over: ${String((error as Error).message ?? error)}`, "It may have been closed or transferred before, or show a picture of another origin: that needs its crossorigin attribute, and its server's leave (CORS).", error));
       }
     });
   }

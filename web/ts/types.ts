@@ -80,7 +80,7 @@ export type NotLocatedReason =
   | "timeout"
   /** Hardly anything of what the scene should show is there from any position: another place, or a part that was not taught. */
   | "other-place"
-  /** It fits only as seen in a mirror: a mirrored picture or camera. */
+  /** It fits as seen in a mirror: a mirrored picture or camera. Surely told only with `explain`. */
   | "mirrored"
   /** It is located with another focal length than that of the intrinsics that came with it; only with `explain`. */
   | "focal-mismatch"
@@ -202,7 +202,10 @@ export interface ResultCommon {
     pointInliers: number;
     lineInliers: number;
     medianErrorPx: number;
-    /** 0..1; how far the number of inliers and their spread support the position. */
+    /**
+     * How probably the position is right, 0..1, as far as one frame tells. One that does not bear out its focal length, as before a
+     * flat wall, says 0.89 at most.
+     */
     confidence: number;
     /** 6x6 row-major: rotation (rad, camera axes) then translation (scene units). */
     covariance?: Float64Array;
@@ -243,8 +246,9 @@ export interface LocateOptions {
   /** Downwards in camera axes (x right, y down, z forward), as `motionSensors()` tells; used where the scene knows its own. */
   gravity?: { x: number; y: number; z: number; /** Standard deviation in radians; two degrees by default. */ sigmaRad?: number };
   /**
-   * Find out why a picture is not located: with other intrinsics, and turned by quarters. Such a picture takes up to four times as
-   * long. By default for files (`Blob`) that are no frames of a moving camera.
+   * Find out why a picture is not located: with other intrinsics, in a mirror, and turned by quarters. Such a picture takes up to
+   * five times as long; one that is little sure is looked at in a mirror, and takes twice as long. By default for files (`Blob`) that
+   * are no frames of a moving camera.
    */
   explain?: boolean;
   /** Hand over `ImageBitmap`, `VideoFrame` or the buffer of raw pixels instead of copying: they are unusable afterwards. */
@@ -263,7 +267,7 @@ export interface LiveOptions {
   timeBudgetMs?: number;
   /** Same seed, same frame, same answer. */
   seed?: number;
-  /** Inlier thresholds in pixels of the working image. */
+  /** Inlier thresholds of the first pose, in pixels of the working image; a second look has its own, in a scene with landmarks. */
   maxPointErrorPx?: number;
   maxLineErrorPx?: number;
 }

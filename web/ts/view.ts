@@ -1,4 +1,6 @@
 /** From pixels of a frame to where they stand on the screen: cover, contain, mirrored, any canvas. */
+import { shown } from "./arguments.js";
+import { LandlineError } from "./errors.js";
 import type { Intrinsics, Placement } from "./types.js";
 
 /** How a frame fills its place; as CSS `object-fit`, centred. */
@@ -51,7 +53,8 @@ export function fromView(map: ViewMap, [x, y]: readonly [number, number]): [numb
 
 /** The pixel of the frame at which a world point is seen; `undefined` behind the camera. */
 export function project(placement: Placement, intrinsics: Intrinsics, world: ArrayLike<number>): [number, number] | undefined {
-  const m = placement.cameraFromWorld;
+  const m = (placement as Placement | null | undefined)?.cameraFromWorld;
+  if (!m) throw new LandlineError("bad-input", `the placement is ${shown(placement)}`, "Only a result that is `located` has one.");
   const row = (r: number): number => (m[4 * r] as number) * (world[0] as number) + (m[4 * r + 1] as number) * (world[1] as number) + (m[4 * r + 2] as number) * (world[2] as number) + (m[4 * r + 3] as number);
   const depth = row(2);
   if (!(depth > 0)) return undefined;

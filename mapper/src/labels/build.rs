@@ -1,7 +1,8 @@
 //! Labels without outside tools: from pictures with poses and features to tracks and targets.
 
 use super::{
-    Imported, Labels, MAX_DISTANCE_PX, Origin, line_tracks_from_map, point_tracks_from_model,
+    Imported, Labels, MAX_DISTANCE_PX, Origin, advice, line_tracks_from_map,
+    point_tracks_from_model,
 };
 use crate::dataset::{DatasetImage, ModelPoint};
 use crate::progress::{Progress, StageBars};
@@ -17,8 +18,8 @@ use pollster::block_on;
 #[derive(Debug, thiserror::Error)]
 pub enum LabelError {
     /// Poses or pictures do not serve.
-    #[error(transparent)]
-    Tracks(#[from] TrackError),
+    #[error("{error}{advice}", error = .0, advice = advice::of(.0))]
+    Tracks(TrackError),
     /// Points of a model were asked for.
     #[error(
         "the data set has no 3D points of its own ({0}); only COLMAP models do. Leave --points-from away to triangulate"
@@ -35,6 +36,12 @@ pub enum LabelError {
         /// Largest distance.
         max_px: f64,
     },
+}
+
+impl From<TrackError> for LabelError {
+    fn from(error: TrackError) -> Self {
+        Self::Tracks(error)
+    }
 }
 
 /// Builds labels for posed pictures; `features` in the same order. What the world's lengths and directions mean is for the caller

@@ -4,6 +4,7 @@
 //! coordinates are those of the data set. Targets are not stored: they are the tracks' observations the other way round
 //! ([`Labels::targets`]).
 
+mod advice;
 mod build;
 mod file;
 mod from_model;

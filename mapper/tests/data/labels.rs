@@ -119,10 +119,13 @@ fn poses_of_another_convention_are_named() {
         ("use --camera-axes down-left-forward", |t| {
             in_axes(&t, "down-left-forward")
         }),
-        ("use the other --pose-direction; and of cameras", |t| {
-            let inverse = in_axes(&t, "opengl").inverse();
-            Rigid::new(inverse.rotation, inverse.translation)
-        }),
+        (
+            "use the other --pose-direction and --camera-axes opengl",
+            |t| {
+                let inverse = in_axes(&t, "opengl").inverse();
+                Rigid::new(inverse.rotation, inverse.translation)
+            },
+        ),
         ("use --quaternions xyzw", |t| {
             let [w, x, y, z] = t.quaternion_wxyz();
             CamFromWorld::from_quaternion_wxyz([x, y, z, w], t.translation)

@@ -1,5 +1,5 @@
 /** Arguments of the mapper's calls, checked where they enter. */
-import { checkArgument, checkOptions, kind, loading, number, object, whole, type Check } from "../arguments.js";
+import { abortSignal, checkArgument, checkOptions, intrinsics, kind, loading, number, object, whole, type Check } from "../arguments.js";
 import type { BuildOptions, FrameOptions, MapperOptions, ReadPosesOptions, WriteOptions } from "./types.js";
 
 const largest = Number.MAX_VALUE;
@@ -14,8 +14,8 @@ const end = (value: unknown): boolean => {
 };
 const scale: Check = (value) => {
   const v = value as { from?: unknown; to?: unknown; metres?: unknown } | null;
-  const isRight = typeof v === "object" && v !== null && end(v.from) && end(v.to) && typeof v.metres === "number" && v.metres > 0 && v.metres <= largest;
-  return isRight ? undefined : "{ from: { keyframe, x, y }, to: { keyframe, x, y }, metres }";
+  const isRight = typeof v === "object" && v !== null && end(v.from) && end(v.to) && typeof v.metres === "number" && v.metres >= 1e-3 && v.metres <= 1e5;
+  return isRight ? undefined : "{ from: { keyframe, x, y }, to: { keyframe, x, y }, metres: from 0.001 to 100000 }";
 };
 
 const create: Record<keyof MapperOptions, Check> = {
@@ -26,7 +26,7 @@ const create: Record<keyof MapperOptions, Check> = {
 
 const add: Record<keyof FrameOptions, Check> = {
   timestamp: number(-largest, largest, "a finite number of milliseconds"),
-  intrinsics: object,
+  intrinsics,
   pose: object,
   gravity: vector,
   name: kind("string"),
@@ -35,7 +35,7 @@ const add: Record<keyof FrameOptions, Check> = {
 };
 
 const build: Record<keyof BuildOptions, Check> = {
-  signal: object,
+  signal: abortSignal,
   onProgress: kind("function"),
   name: kind("string"),
   licence: kind("string"),

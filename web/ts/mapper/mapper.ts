@@ -40,6 +40,8 @@ export class Mapper extends EventTarget {
   readonly #toThread: boolean;
   readonly #most: number;
   #kept: Kept[] = [];
+  /** Whether frames come with poses; unknown before the first. */
+  #isPosed: boolean | undefined;
   #frames = 0;
   #notKept: Partial<Record<NotKeptReason, number>> = {};
   #disposed = false;
@@ -119,6 +121,9 @@ export class Mapper extends EventTarget {
     this.#checkIdle();
     checkFrameOptions(options);
     const pose = cameraFromWorldOf(options.pose, "pose");
+    if (this.#isPosed !== undefined && this.#isPosed !== pose.length > 0) {
+      throw new LandlineError("bad-input", `this frame has ${this.#isPosed ? "no" : "a"} pose, those before it have ${this.#isPosed ? "one" : "none"}`, "Give all frames poses, or none; clear() begins anew.");
+    }
     const { gravity: g, timestamp, name } = options;
     const prepared = await prepareFrame(source, options.transfer ?? false, this.#toThread);
     const { frame } = prepared;
@@ -138,6 +143,7 @@ export class Mapper extends EventTarget {
       throw error;
     }
     this.#frames += 1;
+    this.#isPosed = pose.length > 0;
     if (verdict.kept) this.#kept.push({ ...(name === undefined ? {} : { name }), ...(timestamp === undefined ? {} : { timestamp }) });
     else this.#notKept[verdict.reason] = (this.#notKept[verdict.reason] ?? 0) + 1;
     this.#raise("verdict", verdict);
@@ -176,6 +182,7 @@ export class Mapper extends EventTarget {
     this.#checkIdle();
     await this.#channel.call("clear", null);
     this.#kept = [];
+    this.#isPosed = undefined;
     this.#frames = 0;
     this.#notKept = {};
   }
@@ -225,13 +232,26 @@ export class Mapper extends EventTarget {
     this.#isWorking = true;
     const cancel = (): void => void this.#channel.call("cancel", null).catch(() => undefined);
     signal?.addEventListener("abort", cancel, { once: true });
-    this.#onStage = (event) => onProgress?.(eta.progress(event));
+    let thrown: { by: unknown } | undefined;
+    this.#onStage = (event) => {
+      try {
+        onProgress?.(eta.progress(event));
+      } catch (error) {
+        // What the page's own function throws ends the work, here and in a worker.
+        thrown ??= { by: error };
+        cancel();
+      }
+    };
+    const check = (): void => {
+      if (thrown) throw thrown.by;
+      signal?.throwIfAborted();
+    };
     try {
       const result = await run();
-      signal?.throwIfAborted();
+      check();
       return result;
     } catch (error) {
-      signal?.throwIfAborted();
+      check();
       throw error;
     } finally {
       this.#onStage = undefined;

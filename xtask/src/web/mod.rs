@@ -4,6 +4,7 @@
 
 pub(crate) mod api;
 mod binary;
+mod comments;
 mod config;
 mod package;
 mod site;

@@ -44,6 +44,7 @@ pub(super) fn assemble(config: &BuildConfig, scripts: &Path, weights: &Weights) 
             copy(&from.join(own), &to.join(name))?;
         }
     }
+    super::comments::strip(&scratch)?;
     for name in ["LICENSE-MIT", "LICENSE-APACHE"] {
         copy(&root.join(name), &scratch.join(name))?;
     }

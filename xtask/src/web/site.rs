@@ -22,6 +22,7 @@ pub(super) fn stage() -> Result<()> {
         fs::remove_dir_all(&scratch)?;
     }
     copy_tree(&www, &scratch)?;
+    super::comments::strip(&scratch)?;
     copy_tree(&paths::package(), &scratch.join("vendor/landline"))?;
     // The page has the whole sample of its own.
     fs::remove_dir_all(scratch.join("vendor/landline/sample"))?;

@@ -5,6 +5,7 @@
 pub mod output;
 
 pub mod args;
+pub mod aside;
 pub mod asked;
 pub mod augment;
 pub mod cmd;
@@ -42,3 +43,4 @@ pub mod units;
 pub mod unposed;
 pub mod weights;
 pub mod words;
+pub mod working;

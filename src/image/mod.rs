@@ -11,7 +11,7 @@ mod luma;
 mod resize;
 
 pub use luma::gray_from_frame;
-pub use resize::{resize_area, resize_bilinear, working_from_gray};
+pub use resize::{resize_area, resize_bilinear, working_from_gray, working_size};
 
 use thiserror::Error;
 

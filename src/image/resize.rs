@@ -22,14 +22,23 @@ pub fn working_from_gray(
     if max_side == 0 {
         return Err(ImageError::ZeroMaxSide);
     }
-    let longest = gray.width.max(gray.height);
-    if longest <= max_side {
+    let (width, height) = working_size(gray.width, gray.height, max_side);
+    if (width, height) == (gray.width, gray.height) {
         copy(gray, working);
         return Ok(PixelMap::from_scale(1.0, 1.0));
     }
+    resize_area(gray, width, height, working)
+}
+
+/// Width and height of the working image of a picture, see [`working_from_gray`].
+pub fn working_size(width: usize, height: usize, max_side: usize) -> (usize, usize) {
+    let longest = width.max(height);
+    if longest <= max_side {
+        return (width, height);
+    }
     // Rounded division in integers: the same on every platform.
     let shrink = |side: usize| ((2 * side * max_side + longest) / (2 * longest)).max(1);
-    resize_area(gray, shrink(gray.width), shrink(gray.height), working)
+    (shrink(width), shrink(height))
 }
 
 /// Resizes by area averaging: every output pixel is the mean of the input area that it covers. The right choice to

@@ -23,6 +23,18 @@ pub enum FrameCamera {
     Exact(Camera),
 }
 
+impl FrameCamera {
+    /// The same for the frame as changed so.
+    #[must_use]
+    pub fn map(self, change: impl FnOnce(Camera) -> Camera) -> Self {
+        match self {
+            Self::Unknown => Self::Unknown,
+            Self::About(camera) => Self::About(change(camera)),
+            Self::Exact(camera) => Self::Exact(change(camera)),
+        }
+    }
+}
+
 /// What is known of a frame besides its picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrameInfo {
@@ -115,7 +127,8 @@ impl Film {
         self.choice.look(size, exposure, kept, is_chosen)
     }
 
-    /// Takes a frame that [`Self::look`] had nothing against, or says why not. Features are in pixels of the frame.
+    /// Takes a frame that [`Self::look`] had nothing against, or says why not. Features, size and camera are those of its working
+    /// image, and so are the pixels of the map: what agrees and what does not is a matter of pixels as features know them.
     pub fn add(&mut self, size: (u32, u32), features: FeatureSet, info: FrameInfo) -> Verdict {
         let kept: Vec<&FeatureSet> = self.views.iter().map(|v| &v.features).collect();
         let verdict = self.choice.choose(&features, &kept, info.is_chosen);

@@ -5,7 +5,7 @@ use crate::frame::{camera_from, pixel_format, pose_from};
 use crate::units_name;
 use js_sys::{Function, Promise};
 use landline::front_end::{FrontEnd, FrontEndError, FrontEndOptions};
-use landline::geometry::{CamFromWorld, Pixel};
+use landline::geometry::{CamFromWorld, Camera, Pixel, WorkingFromSensor};
 use landline::image::FrameView;
 use landline::mapping::{
     Advice, Exposure, Film, FilmError, FilmMap, FilmParams, FrameCamera, FrameInfo, KeyframeParams,
@@ -176,6 +176,8 @@ pub struct RawMapper {
     film: Film,
     params: KeyframeParams,
     origin: Origin,
+    /// Of the keyframes, which are all of one size.
+    working_from_sensor: WorkingFromSensor,
     frame: Vec<u8>,
 }
 
@@ -206,6 +208,7 @@ impl RawMapper {
             film: Film::new(params.clone()),
             params,
             origin,
+            working_from_sensor: WorkingFromSensor::from_scale(1.0, 1.0),
             frame: Vec::new(),
         })
     }
@@ -269,23 +272,28 @@ impl RawMapper {
             .look(&frame)
             .map_err(|e| from_front_end(&e))?;
         let exposure = Exposure::of(&image);
-        let size = (width, height);
-        let verdict = match self.film.look(size, exposure, is_chosen) {
+        let working_size = (image.width as u32, image.height as u32);
+        let verdict = match self.film.look((width, height), exposure, is_chosen) {
             Some(refused) => refused,
             None => {
                 self.front_end
                     .run_looked_at()
                     .map_err(|e| from_front_end(&e))?;
-                let mut features = self.front_end.features().clone();
-                features.map_pixels(&self.front_end.working_from_sensor().inverse());
+                // What agrees and what does not is a matter of pixels as features know them: the film is of working images.
+                let working = self.front_end.working_from_sensor();
+                let features = self.front_end.features().clone();
                 let info = FrameInfo {
                     name,
-                    camera,
+                    camera: camera.map(|camera: Camera| camera.resized(&working)),
                     cam_from_world,
                     gravity_in_cam,
                     is_chosen,
                 };
-                self.film.add(size, features, info)
+                let verdict = self.film.add(working_size, features, info);
+                if verdict.not_kept.is_none() {
+                    self.working_from_sensor = working;
+                }
+                verdict
             }
         };
         Ok(self.described(verdict).to_string())
@@ -346,8 +354,9 @@ impl RawMapper {
             return Err(bad_input("there is no map yet: build it first"));
         }
         if let Some(scale) = &request.scale {
+            let ends = [scale.from.numbers(), scale.to.numbers()];
             let known = KnownDistance {
-                ends: [scale.from.numbers(), scale.to.numbers()],
+                ends: ends.map(|(k, at)| (k, self.working_from_sensor.apply(at))),
                 metres: scale.metres,
             };
             self.film
@@ -415,7 +424,9 @@ impl RawMapper {
     pub fn report(&self) -> String {
         self.film
             .map()
-            .map_or(Value::Null, |map| report(map, self.film.num_keyframes()))
+            .map_or(Value::Null, |map| {
+                report(map, self.film.num_keyframes(), &self.working_from_sensor)
+            })
             .to_string()
     }
 
@@ -457,7 +468,8 @@ fn numbers(p: &Vector3<f64>) -> [f32; 3] {
     [p.x as f32, p.y as f32, p.z as f32]
 }
 
-fn report(map: &FilmMap, num_keyframes: usize) -> Value {
+/// In pixels of the frames, whose working images the map knows.
+fn report(map: &FilmMap, num_keyframes: usize, working: &WorkingFromSensor) -> Value {
     let reason = |i: usize| map.left_out.iter().find(|(l, _)| *l == i).map(|(_, r)| *r);
     let pictures: Vec<Value> = (0..num_keyframes)
         .map(|i| match reason(i) {
@@ -467,7 +479,8 @@ fn report(map: &FilmMap, num_keyframes: usize) -> Value {
             }),
         })
         .collect();
-    let camera = map.main_camera();
+    let sensor = working.inverse();
+    let camera = map.main_camera().resized(&sensor);
     let (fx, fy) = camera.focal_px();
     json!({
         "pictures": pictures,
@@ -480,7 +493,7 @@ fn report(map: &FilmMap, num_keyframes: usize) -> Value {
         "points": map.points.len(),
         "lines": map.lines.len(),
         "pairs": map.stats.pairs.len(),
-        "medianReprojection": map.median_error_px(),
+        "medianReprojection": sensor.scale_x * map.median_error_px(),
         "warnings": warnings(map, num_keyframes),
         "up": map.gravity.map(|g| [-g.x, -g.y, -g.z]),
     })

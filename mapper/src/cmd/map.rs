@@ -1,10 +1,11 @@
 //! `landline map`: from pictures, with poses or without, to a scene file in one go.
 
 use crate::args::{PosingArgs, RefiningArgs, SceneArgs, TeachingArgs, privacy};
+use crate::aside::Aside;
 use crate::dataset::{has_poses, open};
 use crate::extract::Extraction;
 use crate::files;
-use crate::posing::{is_video, pose_pictures};
+use crate::posing::{POSED_FILES, is_video, pose_pictures};
 use crate::privacy::{Privacy, hold_back};
 use crate::progress::Progress;
 use crate::refining::refine;
@@ -67,6 +68,13 @@ pub fn run(mut args: Args) -> Result<()> {
     let scene = args.scene.request()?;
     #[cfg(feature = "train")]
     let training = args.training()?;
+    if args.out.is_dir() {
+        bail!(
+            "{} is a folder: --out names the scene's file, such as {}",
+            args.out.display(),
+            args.out.join("room.landline").display()
+        );
+    }
     let folder = args.scene.run_folder(&args.out);
     let _held = RunLock::hold(&folder)?;
     let extractor = args.teaching.extractor.read()?;
@@ -92,16 +100,21 @@ pub fn run(mut args: Args) -> Result<()> {
     if !has_own_poses {
         std::fs::create_dir_all(&folder).with_context(|| format!("{}", folder.display()))?;
         let model = folder.join("poses");
-        if model.exists() {
-            // Another run's poses may be of other pictures.
-            std::fs::remove_dir_all(&model).with_context(|| format!("{}", model.display()))?;
+        if data.units == Some(Units::Metres) {
+            bail!(
+                "--units metres is for data whose poses are in metres: pictures alone do not tell how long anything is; \
+                 --scale-from (a distance that you measured) or --positions does"
+            );
         }
         let request = args.posing.request(&data.data, data.camera.as_ref())?;
+        // Another run's poses may be of other pictures.
+        let before = Aside::put(&model, &POSED_FILES)?;
         println!(
             "{} has no poses: they are found from the pictures",
             data.data.display()
         );
         let posed = pose_pictures(&request, &extraction, &model, Progress::Terminal)?;
+        drop(before);
         print!("{}", posed.summary);
         println!("look at {}", posed.report.display());
         data.pictures = Some(posed.pictures);

@@ -7,6 +7,16 @@ use std::fmt::Write as _;
 use std::io;
 use std::path::Path;
 
+/// The files of a model, in the order of writing.
+pub const MODEL_FILES: [&str; 6] = [
+    "cameras.bin",
+    "images.bin",
+    "points3D.bin",
+    "cameras.txt",
+    "images.txt",
+    "points3D.txt",
+];
+
 /// A picture of a model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WrittenImage {
@@ -65,14 +75,10 @@ impl WrittenModel {
             std::fs::create_dir_all(partial)?;
             let (cameras, images, points) =
                 (self.cameras_bin()?, self.images_bin(), self.points_bin());
-            for (name, bytes) in [
-                ("cameras.bin", cameras),
-                ("images.bin", images),
-                ("points3D.bin", points),
-                ("cameras.txt", self.cameras_txt().into_bytes()),
-                ("images.txt", self.images_txt().into_bytes()),
-                ("points3D.txt", self.points_txt().into_bytes()),
-            ] {
+            let texts = [self.cameras_txt(), self.images_txt(), self.points_txt()];
+            let files = [cameras, images, points].into_iter();
+            let files = files.chain(texts.map(String::into_bytes));
+            for (name, bytes) in MODEL_FILES.iter().zip(files) {
                 std::fs::write(partial.join(name), bytes)?;
             }
             // An empty folder may stand there; anything else is refused by the system.

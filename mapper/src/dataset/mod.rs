@@ -24,7 +24,7 @@ mod tum;
 mod world;
 
 pub use args::{DataArgs, Format, PoseCamera, parse_camera, parse_vector, units};
-pub use colmap_write::{WrittenImage, WrittenModel, WrittenPoint};
+pub use colmap_write::{MODEL_FILES, WrittenImage, WrittenModel, WrittenPoint};
 pub use open::{has_poses, open};
 pub use split::{IndexRange, Split};
 pub use world::{check_scale, gravity_from_up};

@@ -93,7 +93,9 @@ impl fmt::Display for ImportTable<'_> {
         }
         let unit = match d.units {
             Units::Metres => "metres",
-            Units::Arbitrary => "arbitrary (--units metres or --scale F where they are known)",
+            Units::Arbitrary => {
+                "arbitrary (poses in metres: --units metres; pictures alone: --scale-from or --positions)"
+            }
         };
         row(f, "units", unit.to_owned())?;
         if let Some(g) = d.gravity {

@@ -3,12 +3,13 @@
 mod page;
 mod plots;
 
-use crate::dataset::DatasetImage;
+use crate::dataset::{DatasetImage, MODEL_FILES};
 use crate::extract::{ExtractError, Extraction};
 use crate::files;
 use crate::metres::{Metres, MetresError};
 use crate::progress::{Progress, StageBars};
 use crate::unposed::{self, Found, UnposedError};
+use crate::working::Shrink;
 use landline::geometry::Camera;
 use landline::reconstruction::motion::{
     CameraGroup, Component, LeftOut, MIN_APART_LN, Motion, MotionError, MotionParams, Picture,
@@ -16,6 +17,7 @@ use landline::reconstruction::motion::{
 };
 use pollster::block_on;
 use std::fmt::Write as _;
+use std::hash::{Hash as _, Hasher as _};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -80,6 +82,14 @@ pub fn is_video(path: &Path) -> bool {
     path.is_file() && known.iter().any(|e| extension == *e)
 }
 
+const REPORT_FILE: &str = "report.html";
+
+/// All that [`pose_pictures`] puts into its folder.
+pub const POSED_FILES: [&str; 7] = {
+    let [a, b, c, d, e, f] = MODEL_FILES;
+    [a, b, c, d, e, f, REPORT_FILE]
+};
+
 /// Poses pictures and writes the largest piece as a COLMAP model into `out`, with a report; frames of a video lie beside it.
 ///
 /// # Errors
@@ -100,12 +110,25 @@ pub fn pose_pictures(
     if let Some(metres) = &request.metres {
         metres.check(&names)?;
     }
-    let (groups, group_of) = unposed::group_cameras(&images, |w, h| {
+    let (mut groups, group_of) = unposed::group_cameras(&images, |w, h| {
         let known = request.camera.map(CameraGroup::given);
         known.or_else(|| request.focal_px.map(|f| unposed::with_focal(w, h, f)))
     });
     let chosen: Vec<&DatasetImage> = images.iter().collect();
-    let features = extraction.all(&chosen, progress)?;
+    let mut features = extraction.all(&chosen, progress)?;
+    let shrinks: Vec<Shrink> = images
+        .iter()
+        .map(|image| Shrink::of(&image.camera, extraction.options().max_side))
+        .collect();
+    for (features, shrink) in features.iter_mut().zip(&shrinks) {
+        shrink.features(features);
+    }
+    let first_of = |camera_of: &[usize], group: usize| camera_of.iter().position(|g| *g == group);
+    for (i, group) in groups.iter_mut().enumerate() {
+        if let Some(first) = first_of(&group_of, i) {
+            group.camera = shrinks[first].camera(&group.camera);
+        }
+    }
     let pictures: Vec<Picture<'_>> = features
         .iter()
         .zip(&group_of)
@@ -123,6 +146,28 @@ pub fn pose_pictures(
         &pictures, &groups, &matches, &params, &mut bars,
     ))?;
     drop(bars);
+    for (features, shrink) in features.iter_mut().zip(&shrinks) {
+        shrink.features_back(features);
+    }
+    for component in &mut motion.components {
+        for (i, camera) in component.cameras.iter_mut().enumerate() {
+            if let Some(first) = first_of(&motion.camera_of, i) {
+                *camera = shrinks[first].camera_back(camera);
+            }
+        }
+        for point in &mut component.points {
+            let first = point.observations.first().map_or(0, |o| o.view as usize);
+            point.mean_error_px *= shrinks[first].sensor_px() as f32;
+        }
+        let registered = component.cam_from_world.iter().position(Option::is_some);
+        component.rms_px *= registered.map_or(1.0, |first| shrinks[first].sensor_px());
+    }
+    for (i, votes) in motion.focal_votes_px.iter_mut().enumerate() {
+        if let Some(first) = first_of(&group_of, i) {
+            let factor = shrinks[first].sensor_px();
+            votes.iter_mut().for_each(|px| *px *= factor);
+        }
+    }
     let mut summary = String::new();
     for (name, reason) in &unreadable {
         line(
@@ -150,7 +195,7 @@ pub fn pose_pictures(
             "check            experimental: look at the points and the camera's way before you rely on them"
         ),
     );
-    let report = out.join("report.html");
+    let report = out.join(REPORT_FILE);
     if let [best, ..] = motion.components.as_slice() {
         unposed::written(best, &images, &features, &motion.camera_of).write(out)?;
         let page = page::page(&page::Subject {
@@ -180,8 +225,17 @@ fn frames(request: &PosingRequest, out: &Path) -> Result<PathBuf, PosingError> {
             "--frames-per-second is {rate}: expected a number above 0, at most 60"
         )));
     }
+    // Frames of another video, or of the same one filmed anew, are others.
+    let video = &request.pictures;
+    let identity = std::fs::metadata(video).and_then(|m| Ok((m.len(), m.modified()?)));
+    let identity = identity.map_err(|source| UnposedError::Io {
+        path: video.clone(),
+        source,
+    })?;
+    let mut hash = std::hash::DefaultHasher::new();
+    (video, identity).hash(&mut hash);
     let mut name = out.as_os_str().to_owned();
-    name.push(format!(".frames-{rate}"));
+    name.push(format!(".frames-{rate}-{:08x}", hash.finish() as u32));
     let folder = PathBuf::from(name);
     if !folder.is_dir() {
         unposed::extract_frames(&request.pictures, &folder, rate)?;

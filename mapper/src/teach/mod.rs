@@ -22,6 +22,7 @@ pub use turned::Turned;
 use crate::dataset::{Dataset, DatasetImage, Split};
 use crate::extract::{ExtractError, Extraction};
 use crate::labels::{Imported, LabelError, Labels, Origin, add_variants, build_from};
+use crate::working::{self, Shrink};
 use landline::mapping::{SceneError, TrackError, TrackParams, TrackStats};
 use landline::reconstruction::Misreading;
 use landline::regress::RegressError;
@@ -133,7 +134,7 @@ pub fn labels(
     observer: &mut dyn Observer,
 ) -> Result<(Labels, TrackStats), TeachError> {
     let positions = dataset.of_split(Split::Train);
-    let mut chosen: Vec<&DatasetImage> = positions.iter().map(|i| &dataset.images[*i]).collect();
+    let chosen: Vec<&DatasetImage> = positions.iter().map(|i| &dataset.images[*i]).collect();
     let num_posed = chosen.iter().filter(|i| i.cam_from_world.is_some()).count();
     if num_posed < 2 {
         // Before anything expensive happens.
@@ -141,7 +142,7 @@ pub fn labels(
     }
     let progress = observer.progress();
     let start = Instant::now();
-    let features = match &dataset.segments {
+    let mut features = match &dataset.segments {
         None => extraction.all(&chosen, progress)?,
         Some(segments) => {
             let own: Vec<&[[f64; 4]]> = positions.iter().map(|i| segments[*i].as_slice()).collect();
@@ -152,6 +153,12 @@ pub fn labels(
         pictures: chosen.len(),
         seconds: start.elapsed().as_secs_f64(),
     });
+    let small = working::shrunk(dataset, extraction.options().max_side);
+    for (features, image) in features.iter_mut().zip(&chosen) {
+        Shrink::of(&image.camera, extraction.options().max_side).features(features);
+    }
+    let dataset = small.as_ref().unwrap_or(dataset);
+    let mut chosen: Vec<&DatasetImage> = positions.iter().map(|i| &dataset.images[*i]).collect();
     let origin = Origin {
         source: format!("{num_posed} pictures, {}", dataset.format),
         ..Origin::of_extractor(extraction.extractor(), extraction.options().max_side as u32)
@@ -210,7 +217,10 @@ pub fn variants(
         .map(|i| &dataset.images[i])
         .filter(|i| i.cam_from_world.is_some())
         .collect();
-    let changed = extraction.all_variants(&posed, count, observer.progress())?;
+    let mut changed = extraction.all_variants(&posed, count, observer.progress())?;
+    for (i, features) in &mut changed {
+        Shrink::of(&posed[*i].camera, extraction.options().max_side).features(features);
+    }
     let stats = add_variants(labels, changed);
     observer.happened(&Event::Variants(&stats));
     Ok(())

@@ -7,6 +7,7 @@ use crate::extract::{ExtractError, Extraction};
 use crate::progress::{Progress, StageBars};
 use crate::teach::{Measured, SceneRequest, TeachError, labels, measure_landmarks};
 use crate::units::Ruler;
+use crate::working::{self, Shrink};
 use landline::geometry::{CamFromWorld, CameraModel};
 use landline::mapping::TrackStats;
 use landline::reconstruction::motion::{
@@ -98,10 +99,16 @@ pub fn refine(
             positions.len()
         )));
     }
-    let chosen: Vec<&DatasetImage> = positions.iter().map(|i| &dataset.images[*i]).collect();
+    let max_side = extraction.options().max_side;
+    let small = working::shrunk(dataset, max_side);
+    let as_seen = small.as_ref().unwrap_or(dataset);
+    let chosen: Vec<&DatasetImage> = positions.iter().map(|i| &as_seen.images[*i]).collect();
     let (groups, group_of) = groups(&chosen, request.camera)?;
     let given: Vec<Option<CamFromWorld>> = chosen.iter().map(|i| i.cam_from_world).collect();
-    let features = extraction.all(&chosen, progress)?;
+    let mut features = extraction.all(&chosen, progress)?;
+    for (features, i) in features.iter_mut().zip(&positions) {
+        Shrink::of(&dataset.images[*i].camera, max_side).features(features);
+    }
     let pictures: Vec<Picture<'_>> = features
         .iter()
         .zip(&group_of)
@@ -127,7 +134,8 @@ pub fn refine(
             if let Some(pose) = refined.cam_from_world[k] {
                 image.cam_from_world = Some(pose);
             }
-            image.camera = refined.cameras[group_of[k]];
+            let shrink = Shrink::of(&image.camera, max_side);
+            image.camera = shrink.camera_back(&refined.cameras[group_of[k]]);
         }
         changed
     };

@@ -4,7 +4,9 @@
     python3 benches/altered_pictures.py --tool target/release/landline --scenes target/rooms --data ../shared/data
 
 Every fourth test picture of each room as it is, and every eighth one zoomed (the middle, enlarged by a quarter), squeezed (to three
-quarters of its height), cropped (an eighth of the top and a quarter of the left are missing), mirrored and turned by 90 degrees.
+quarters of its height), cropped (an eighth of the top and a quarter of the left are missing), stretched
+(the middle three quarters of its height, to the whole), narrow (0.8 times as wide, between black bars), mirrored and turned by 90
+degrees.
 The intrinsics of the whole picture are passed with what keeps its size; the others come without any. Then the same eighth with
 intrinsics that are told rightly of a part and of a squeezed picture, and wrongly: a squeezed picture told as a part, principal
 points and focal lengths that are off. Each scene also gets the plain pictures of the other rooms. The rendered sample room of the
@@ -108,6 +110,14 @@ def altered(picture, kind):
         return image.resize((w, round(0.75 * h)), Image.LANCZOS)
     if kind == "cropped":
         return image.crop((w // 4, h // 8, w, h))
+    if kind == "stretched":
+        low = round(0.75 * h)
+        return image.crop((0, (h - low) // 2, w, (h - low) // 2 + low)).resize((w, h), Image.LANCZOS)
+    if kind == "narrow":
+        sides = round(0.8 * w)
+        boxed = Image.new("RGB", (w, h))
+        boxed.paste(image.resize((sides, h), Image.LANCZOS), ((w - sides) // 2, 0))
+        return boxed
     if kind == "part":
         low = round(0.75 * h)
         return image.crop((0, (h - low) // 2, w, (h - low) // 2 + low))
@@ -145,14 +155,14 @@ def main():
             kinds = [("as they are", few, camera, True)]
             kinds.append(("without intrinsics", few, None, True))
             made = {}
-            for kind in ("zoomed", "squeezed", "cropped", "mirrored", "turned", "part", "same"):
+            for kind in ("zoomed", "squeezed", "cropped", "stretched", "narrow", "mirrored", "turned", "part", "same"):
                 at = pathlib.Path(folder) / room / kind
                 at.mkdir(parents=True)
                 for picture in few[::2]:
                     altered(picture, kind).save(at / picture.name, quality=95)
                 made[kind] = sorted(at.iterdir())
-            for kind in ("zoomed", "squeezed", "cropped", "mirrored", "turned"):
-                own = camera if kind in ("zoomed", "mirrored") else None
+            for kind in ("zoomed", "squeezed", "cropped", "stretched", "narrow", "mirrored", "turned"):
+                own = camera if kind in ("zoomed", "stretched", "narrow", "mirrored") else None
                 kinds.append((kind, made[kind], own, kind not in ("mirrored", "turned")))
             kinds += [(name, made[kind], intrinsics, True) for name, kind, intrinsics in told(camera)]
             for other, _, foreign, _, intrinsics in known:

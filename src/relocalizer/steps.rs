@@ -2,7 +2,7 @@
 
 use super::Relocalizer;
 use super::accept::{accept, is_fitting};
-use super::confidence::confidence;
+use super::confidence::{confidence, fitting};
 use super::correspond::correspondences;
 use super::error::LocateError;
 use super::last_frame::{count, mark};
@@ -340,7 +340,13 @@ impl Relocalizer {
                     start.solved(&camera, &self.working_from_sensor, &estimate);
                 let focal_sigma_ln = self.told_focal(&estimate);
                 let found = found_again.as_ref();
-                Outcome::Located(self.localization(estimate, found, source, focal_sigma_ln))
+                let localization = self.localization(estimate, found, source, focal_sigma_ln);
+                let agreeing = count(&self.is_point_inlier) + count(&self.is_line_inlier);
+                let share = agreeing as f64 / (self.points.len() + self.lines.len()).max(1) as f64;
+                Outcome::Located(Localization {
+                    confidence: fitting(localization.confidence, share),
+                    ..localization
+                })
             }
             Err(reason) => {
                 mark(&[], self.points.len(), &mut self.is_point_inlier);

@@ -144,7 +144,9 @@ function showFacts(result, metric, error) {
     rows.push(["Confidence", q.confidence.toFixed(2)]);
   }
   if (error) rows.push(["True error", `${length(error.distance, metric)}, ${error.degrees.toFixed(3)}°`]);
-  rows.push(["Focal length", `${k.fx.toFixed(1)} px, ${sourceWords[k.source]}${k.relativeSigma === undefined ? "" : ` (± ${(100 * k.relativeSigma).toFixed(1)} %)`}`]);
+  // A focal length with a deviation was solved: what EXIF said is where that began.
+  const source = k.source === "exif" && k.relativeSigma !== undefined ? "solved from this picture, EXIF as a start" : sourceWords[k.source];
+  rows.push(["Focal length", `${k.fx.toFixed(1)} px, ${source}${k.relativeSigma === undefined ? "" : ` (± ${(100 * k.relativeSigma).toFixed(1)} %)`}`]);
   rows.push(["Frame", `${result.frame.width} × ${result.frame.height}`]);
   facts($("facts"), rows);
 }

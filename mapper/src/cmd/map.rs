@@ -4,7 +4,8 @@ use crate::args::{PosingArgs, RefiningArgs, SceneArgs, TeachingArgs, privacy};
 use crate::dataset::{has_poses, open};
 use crate::extract::Extraction;
 use crate::files;
-use crate::posing::{is_video, pose_pictures};
+use crate::picture::is_video;
+use crate::posing::pose_pictures;
 use crate::privacy::{Privacy, hold_back};
 use crate::progress::Progress;
 use crate::refining::refine;
@@ -56,6 +57,9 @@ pub struct Args {
     #[cfg(feature = "train")]
     #[command(flatten)]
     how: TrainingArgs,
+    #[cfg(not(feature = "train"))]
+    #[command(flatten)]
+    _untrained: crate::args::Untrained,
 }
 
 /// Teaches a place.

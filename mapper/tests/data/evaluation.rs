@@ -206,6 +206,42 @@ fn locate_draws_what_it_found_and_goes_on_after_a_picture_that_is_none() {
     }
 }
 
+#[test]
+fn locate_takes_folders_in_the_order_of_names_and_a_focal_length() {
+    let folder = Folder::new();
+    for (from, to) in [("query-03.jpg", "b.jpg"), ("query-00.jpg", "a.jpg")] {
+        folder.copy(&sample().join(from), &format!("photos/{to}"));
+    }
+    let scene = sample().join("sample.landline");
+    let words = |focal: &str| {
+        let scene = scene.to_str().expect("UTF-8");
+        let photos = folder.0.join("photos");
+        let photos = photos.to_str().expect("UTF-8");
+        landline(&["locate", scene, photos, "--json", "--focal", focal])
+    };
+    let Some(output) = words("560") else {
+        return;
+    };
+    let found: Vec<Value> = text(&output.stdout)
+        .lines()
+        .map(|line| serde_json::from_str(line).expect("a line of JSON"))
+        .collect();
+    assert_eq!(found.len(), 2, "{}", text(&output.stderr));
+    for (found, name) in found.iter().zip(["a.jpg", "b.jpg"]) {
+        assert!(found["picture"].as_str().expect("a path").ends_with(name));
+        assert_eq!(found["camera_source"], "given", "{found}");
+        assert_eq!(found["focal_px"], 560.0, "{found}");
+    }
+    // In pixels of the picture, not in millimetres.
+    let output = words("24").expect("as before");
+    let message = text(&output.stderr);
+    assert!(
+        message.contains("expected 64 to 12800 pixels")
+            && message.contains("2 of 2 pictures do not go with what was given"),
+        "{message}"
+    );
+}
+
 /// Descriptors do not see through turns: such a picture looks like another place, and it is told that it is none.
 #[test]
 fn a_turned_picture_is_called_so() {

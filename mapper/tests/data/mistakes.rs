@@ -82,7 +82,7 @@ fn pictures_of_telephones_that_are_not_decoded_are_counted_and_named() {
         folder.picture(name, 64, 48);
     }
     let found = landline_mapper::unposed::find_pictures(&folder.0.join("phone"));
-    let found = found.ok().expect("three pictures");
+    let found = found.expect("three pictures");
     assert_eq!((found.images.len(), found.unreadable.len()), (3, 2));
     assert!(found.unread()[0].starts_with("2 pictures (IMG_1.HEIC ...)"));
 }

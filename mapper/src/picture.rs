@@ -5,7 +5,9 @@
 mod folder;
 mod whole;
 
-pub use folder::{Listed, counted, is_called_picture, is_video, listed, undecoded_ending};
+pub use folder::{
+    Listed, counted, is_called_picture, is_hidden, is_video, listed, undecoded_ending,
+};
 
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};

@@ -82,6 +82,12 @@ pub fn counted(num: usize, what: &str) -> String {
     format!("{num} {what}{}", if num == 1 { "" } else { "s" })
 }
 
+/// `.DS_Store` and the like.
+pub fn is_hidden(path: &Path) -> bool {
+    path.file_name()
+        .is_none_or(|name| name.to_string_lossy().starts_with('.') || name == "Thumbs.db")
+}
+
 /// Lists a folder; hidden files count for nothing.
 ///
 /// # Errors
@@ -89,10 +95,7 @@ pub fn counted(num: usize, what: &str) -> String {
 pub fn listed(folder: &Path) -> io::Result<Listed> {
     let mut found = Listed::default();
     for path in files::entries(folder)? {
-        let is_hidden = path
-            .file_name()
-            .is_none_or(|name| name.to_string_lossy().starts_with('.'));
-        if is_hidden {
+        if is_hidden(&path) {
             continue;
         }
         if path.is_dir() {

@@ -1,10 +1,11 @@
 //! Whether a scene and the data it is evaluated on stand in two worlds: every answer may be right in its own, and all are wrong.
 
-use super::{ImageResult, PoseError};
+use super::ImageResult;
 use crate::metres::{MAX_OFF, extent, robust_fit};
 use crate::units::Ruler;
-use landline::geometry::{CamFromWorld, Similarity};
+use landline::geometry::CamFromWorld;
 use landline::math::stats::median_in_place;
+use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 
 /// Answers that are needed: a similarity has seven numbers, and a position gives three.
@@ -13,8 +14,12 @@ const MIN_ANSWERS: usize = 5;
 const MIN_SHARE: f64 = 0.75;
 /// The change of world has to take the errors down to this share of what they were.
 const MAX_LEFT: f64 = 0.1;
-/// Rotations that are farther off after the change are of something else; the error that counts as right.
+/// Cameras that look farther off than this after the change, in the median, saw something else; the error that counts as
+/// right.
 const MAX_DEG: f64 = 10.0;
+
+/// So many rotations are tried for the one that most agree with: each costs a look at all.
+const MAX_CANDIDATES: usize = 100;
 
 /// The change that brings answers to the data's poses.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -48,25 +53,21 @@ impl OtherWorld {
             .iter()
             .map(|(truth, found)| (truth.center_in_world(), found.center_in_world()))
             .collect();
-        let (data_from_scene, _, _) = robust_fit(&centers)?;
-        let median = |of: &dyn Fn(&PoseError) -> f64, change: Option<&Similarity>| {
-            let error = |(truth, found): &(CamFromWorld, CamFromWorld)| {
-                let found = change.map_or(*found, |change| change.transform_pose(found));
-                of(&PoseError::between(&found, truth))
-            };
-            median_in_place(&mut answers.iter().map(error).collect::<Vec<f64>>())
-        };
-        let change = Some(&data_from_scene);
-        let before = median(&|e| e.position, None)?;
-        let after = median(&|e| e.position, change)?;
-        let after_deg = median(&|e| e.rotation_deg, change)?;
+        let (data_from_scene, after, _) = robust_fit(&centers)?;
+        let apart = |(truth, found): &(Vector3<f64>, Vector3<f64>)| (truth - found).norm();
+        let before = median_in_place(&mut centers.iter().map(apart).collect::<Vec<f64>>())?;
+        // Cameras along a straight way leave the turn about it open; how each camera looks does not.
+        let turns: Vec<_> = answers
+            .iter()
+            .map(|(truth, found)| truth.rotation.transpose() * found.rotation)
+            .collect();
+        let (turn, spread_deg) = agreed(&turns)?;
         let limit = MAX_OFF * extent(centers.iter().map(|(truth, _)| *truth));
         let is_other =
-            before > limit && after <= limit && after <= MAX_LEFT * before && after_deg <= MAX_DEG;
-        let cos_turn = 0.5 * (data_from_scene.rotation.trace() - 1.0);
+            before > limit && after <= limit && after <= MAX_LEFT * before && spread_deg <= MAX_DEG;
         is_other.then(|| Self {
             scale: data_from_scene.scale,
-            turn_deg: cos_turn.clamp(-1.0, 1.0).acos().to_degrees(),
+            turn_deg: angle_deg(&turn, &Matrix3::identity()),
             before,
             after,
         })
@@ -86,12 +87,27 @@ impl OtherWorld {
     }
 }
 
+/// The rotation that is nearest to the others, and its median angle to them in degrees.
+fn agreed(turns: &[Matrix3<f64>]) -> Option<(Matrix3<f64>, f64)> {
+    let step = turns.len().div_ceil(MAX_CANDIDATES).max(1);
+    let spread = |turn: &Matrix3<f64>| {
+        let mut angles: Vec<f64> = turns.iter().map(|other| angle_deg(turn, other)).collect();
+        Some((*turn, median_in_place(&mut angles)?))
+    };
+    let all = turns.iter().step_by(step).filter_map(spread);
+    all.min_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+fn angle_deg(a: &Matrix3<f64>, b: &Matrix3<f64>) -> f64 {
+    let cos = 0.5 * ((a.transpose() * b).trace() - 1.0);
+    cos.clamp(-1.0, 1.0).acos().to_degrees()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use landline::geometry::rotation_from_vector;
+    use landline::geometry::{Similarity, rotation_from_vector};
     use landline::scene_file::Units;
-    use nalgebra::Vector3;
 
     /// Cameras round a room of about four metres.
     fn truths() -> Vec<CamFromWorld> {
@@ -132,6 +148,13 @@ mod tests {
         assert!(told.before > 1.0 && told.after < 1e-6, "{told:?}");
         let text = told.text(&Ruler::of(Units::Metres));
         assert!(text.contains("two different worlds"), "{text}");
+        // Cameras that look elsewhere than the data's, each in its way, are wrong wherever they stand.
+        let astray = between(|i, t| {
+            let astray = rotation_from_vector(&Vector3::new(i as f64, 0.0, 0.5)) * t.rotation;
+            let center = scene_from_data.transform_point(&t.center_in_world());
+            CamFromWorld::new(astray, -(astray * center))
+        });
+        assert_eq!(astray, None);
         // Right answers, answers that are a little off all in one direction, and answers in disorder.
         assert_eq!(between(|_, t| *t), None);
         let shifted = |_: usize, t: &CamFromWorld| {

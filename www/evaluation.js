@@ -48,7 +48,7 @@ export async function evaluateFolder({ pictures, poseSource, numTruth, notes }) 
   $("stop-evaluation").hidden = true;
   if (run !== state.run) return;
   showSummary(state.rows, state.metric);
-  status("good", "Evaluated", `${state.rows.length} pictures.`);
+  status("good", "Evaluated", `${state.rows.length} picture${state.rows.length === 1 ? "" : "s"}.`);
   setPlaying(false);
   $("previous").disabled = $("next").disabled = false;
   panel.dataset.done = "true";

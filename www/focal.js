@@ -46,6 +46,23 @@ export function keepFocal(result, camera) {
   }
 }
 
+const sourceWords = {
+  given: "given",
+  track: "from the camera",
+  exif: "from the picture’s EXIF",
+  scene: "the scene’s own camera",
+  remembered: "learned from earlier frames",
+  estimated: "solved from this picture",
+  assumed: "assumed; distances may be off",
+};
+
+/** The focal length of a result in words. One with a deviation was solved: what EXIF said is only where that began. */
+export function focalWords({ fx, source, relativeSigma }) {
+  const isSolved = relativeSigma !== undefined;
+  const words = source === "exif" && isSolved ? "solved from this picture, EXIF as a start" : sourceWords[source];
+  return `${fx.toFixed(1)} px, ${words}${isSolved ? ` (± ${(100 * relativeSigma).toFixed(1)} %)` : ""}`;
+}
+
 export const numFocals = () => read().size;
 
 /** Removes what is kept; until the page is opened again nothing more is. */

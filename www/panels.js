@@ -1,6 +1,6 @@
 /** Words and numbers beside the picture. */
 import { $ } from "./dom.js";
-import { numFocals } from "./focal.js";
+import { focalWords, numFocals } from "./focal.js";
 
 const stageNames = [
   ["transfer", "Transfer"],
@@ -29,16 +29,6 @@ const limitedWords = {
   lost: "position lost, looking again",
   jump: "the position jumped; waiting for agreement",
   "focal-uncertain": "the focal length is not certain yet",
-};
-
-const sourceWords = {
-  given: "given",
-  track: "from the camera",
-  exif: "from the picture’s EXIF",
-  scene: "the scene’s own camera",
-  remembered: "learned from earlier frames",
-  estimated: "solved from this picture",
-  assumed: "assumed; distances may be off",
 };
 
 export const ms = (value) => (value < 9.95 ? `${value.toFixed(1)} ms` : `${Math.round(value)} ms`);
@@ -144,7 +134,7 @@ function showFacts(result, metric, error) {
     rows.push(["Confidence", q.confidence.toFixed(2)]);
   }
   if (error) rows.push(["True error", `${length(error.distance, metric)}, ${error.degrees.toFixed(3)}°`]);
-  rows.push(["Focal length", `${k.fx.toFixed(1)} px, ${sourceWords[k.source]}${k.relativeSigma === undefined ? "" : ` (± ${(100 * k.relativeSigma).toFixed(1)} %)`}`]);
+  rows.push(["Focal length", focalWords(k)]);
   rows.push(["Frame", `${result.frame.width} × ${result.frame.height}`]);
   facts($("facts"), rows);
 }

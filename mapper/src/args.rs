@@ -444,3 +444,46 @@ impl TrainingArgs {
             || !self.network.is_empty()
     }
 }
+
+/// Options of training in a build without it: they are known, and refused with how to have them.
+#[cfg(not(feature = "train"))]
+#[derive(Debug, Default, clap::Args)]
+pub struct Untrained {
+    #[arg(long, hide = true, value_parser = untrained_when)]
+    training: Option<String>,
+    #[arg(long, hide = true, value_parser = untrained)]
+    variants: Option<String>,
+    #[arg(long, hide = true, value_parser = untrained)]
+    preset: Option<String>,
+    #[arg(long, hide = true, value_parser = untrained)]
+    minutes: Option<String>,
+    #[arg(long, hide = true, value_parser = untrained)]
+    steps: Option<String>,
+    #[arg(long, hide = true, value_parser = untrained)]
+    seed: Option<String>,
+    #[arg(long = "set", hide = true, value_parser = untrained)]
+    overrides: Option<String>,
+    #[arg(long, hide = true, value_parser = untrained)]
+    network: Option<String>,
+    #[arg(long, hide = true, num_args = 0..=1, default_missing_value = "", value_parser = untrained)]
+    resume: Option<String>,
+}
+
+/// What whoever asks for training is told.
+#[cfg(not(feature = "train"))]
+pub const UNTRAINED: &str = "this build was made without training; `cargo build --release -p landline-mapper`, without \
+                             `--no-default-features`, makes one with it";
+
+#[cfg(not(feature = "train"))]
+fn untrained(_: &str) -> Result<String, &'static str> {
+    Err(UNTRAINED)
+}
+
+/// Not to train is what such a build does.
+#[cfg(not(feature = "train"))]
+fn untrained_when(when: &str) -> Result<String, &'static str> {
+    match when {
+        "auto" | "never" => Ok(when.to_owned()),
+        _ => Err(UNTRAINED),
+    }
+}

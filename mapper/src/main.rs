@@ -36,6 +36,9 @@ enum Command {
     Poses(cmd::poses::Args),
     #[cfg(feature = "train")]
     Train(cmd::train::Args),
+    #[cfg(not(feature = "train"))]
+    #[command(hide = true)]
+    Train(cmd::untrained::Args),
 }
 
 fn main() -> ExitCode {
@@ -59,6 +62,8 @@ fn main() -> ExitCode {
         Command::Poses(args) => cmd::poses::run(args),
         #[cfg(feature = "train")]
         Command::Train(args) => cmd::train::run(args),
+        #[cfg(not(feature = "train"))]
+        Command::Train(args) => cmd::untrained::run(args),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
@@ -112,6 +117,47 @@ mod tests {
                 .expect_err("no such word")
                 .to_string();
             assert!(error.contains(said), "{line}: {error}");
+        }
+    }
+
+    #[cfg(not(feature = "train"))]
+    #[test]
+    fn options_of_training_are_refused_with_how_to_have_them() {
+        for line in [
+            "map room --out x --minutes 5",
+            "map room --out x --training always",
+            "map room --out x --resume",
+            "map room --out x --set a=1",
+            "paper 7scenes root --preset paper",
+        ] {
+            let words = ["landline"].into_iter().chain(line.split(' '));
+            let error = Cli::try_parse_from(words).expect_err("no training");
+            assert!(
+                error.to_string().contains("made without training"),
+                "{line}: {error}"
+            );
+        }
+        for line in [
+            "map room --out x --training never",
+            "train labels --out x --steps 5",
+        ] {
+            let words = ["landline"].into_iter().chain(line.split(' '));
+            assert!(Cli::try_parse_from(words).is_ok(), "{line}");
+        }
+    }
+
+    #[test]
+    fn several_paths_in_place_of_a_folder_are_told() {
+        for line in [
+            "map a.jpg b.jpg --out x",
+            "poses a.jpg b.jpg --out x",
+            "data a b",
+        ] {
+            let words = ["landline"].into_iter().chain(line.split(' '));
+            let error = Cli::try_parse_from(words)
+                .expect_err("too many")
+                .to_string();
+            assert!(error.contains("give the folder"), "{line}: {error}");
         }
     }
 

@@ -53,7 +53,7 @@ pub enum MetresError {
         /// As it was given.
         name: String,
         /// What is wrong with it.
-        what: &'static str,
+        what: String,
     },
     /// The two pictures say nothing about lengths.
     #[error(
@@ -67,6 +67,19 @@ pub enum MetresError {
         to: String,
         /// Their distance in the model, in per cent of its extent.
         share: f64,
+    },
+    /// Positions of other names.
+    #[error(
+        "none of the names in {path} is a picture's: it says `{theirs}`, and the pictures are called as `{ours}` is, with their \
+         endings"
+    )]
+    NoneKnown {
+        /// The file.
+        path: PathBuf,
+        /// Its first name.
+        theirs: String,
+        /// The first picture's name.
+        ours: String,
     },
     /// Too few positions.
     #[error(
@@ -97,7 +110,7 @@ pub enum MetresError {
 /// Two pictures nearer than this share of the extent of all do not give a scale.
 const MIN_SHARE: f64 = 0.02;
 /// Positions that are off by this share of their extent, in the median, are of something else.
-const MAX_OFF: f64 = 0.1;
+pub const MAX_OFF: f64 = 0.1;
 /// Positions off by so many times the median do not count.
 const STRAY: f64 = 3.0;
 
@@ -183,13 +196,25 @@ impl Metres {
                 match [from, to].into_iter().find(|name| !is_there(name)) {
                     Some(name) => Err(MetresError::Picture {
                         name: name.clone(),
-                        what: "is none of the pictures",
+                        what: match names {
+                            [] => "is none of the pictures".to_owned(),
+                            [first, ..] => {
+                                format!("is none of the pictures, which are called as {first} is")
+                            }
+                        },
                     }),
                     None => Ok(()),
                 }
             }
             Self::Positions(path, positions) => {
                 let found = positions.iter().filter(|(name, _)| is_there(name)).count();
+                if let (0, [(theirs, _), ..], [ours, ..]) = (found, positions.as_slice(), names) {
+                    return Err(MetresError::NoneKnown {
+                        path: path.clone(),
+                        theirs: theirs.clone(),
+                        ours: (*ours).to_owned(),
+                    });
+                }
                 if found < 3 {
                     return Err(MetresError::TooFew {
                         path: path.clone(),
@@ -222,7 +247,26 @@ impl Metres {
     }
 }
 
-fn extent(points: impl Iterator<Item = Vector3<f64>> + Clone) -> f64 {
+/// The similarity that brings the second of most pairs to the first, the median of what is left of all, and how many pairs
+/// fit; none where [`Similarity::fit`] has none.
+pub fn robust_fit(all: &[(Vector3<f64>, Vector3<f64>)]) -> Option<(Similarity, f64, usize)> {
+    let limit_floor = 1e-9 * extent(all.iter().map(|(a, _)| *a));
+    let mut kept = all.to_vec();
+    let mut best = None;
+    // What is far off bends the first fit, and goes.
+    for _ in 0..5 {
+        let found = Similarity::fit(&kept)?;
+        let off = |(a, b): &(Vector3<f64>, Vector3<f64>)| (a - found.transform_point(b)).norm();
+        let median = median_in_place(&mut all.iter().map(off).collect::<Vec<f64>>())?;
+        let limit = STRAY * median + limit_floor;
+        kept = all.iter().filter(|p| off(p) <= limit).copied().collect();
+        best = Some((found, median, kept.len()));
+    }
+    best
+}
+
+/// Diagonal of the box round points.
+pub fn extent(points: impl Iterator<Item = Vector3<f64>> + Clone) -> f64 {
     let bound = |start: f64, pick: fn(f64, f64) -> f64| {
         points
             .clone()
@@ -240,7 +284,8 @@ fn from_distance(
         let place = found.map(|(_, place)| *place);
         place.ok_or_else(|| MetresError::Picture {
             name: name.clone(),
-            what: "is not among the pictures that were placed together: name another one",
+            what: "is not among the pictures that were placed together: name another one"
+                .to_owned(),
         })
     };
     let length = (place(&distance.from)? - place(&distance.to)?).norm();
@@ -279,19 +324,7 @@ fn from_positions(
         found: all.len(),
     };
     let extent = extent(all.iter().map(|(a, _)| *a));
-    let mut kept = all.clone();
-    let mut best = None;
-    // What is far off bends the first fit, and goes.
-    for _ in 0..5 {
-        let found = Similarity::fit(&kept).ok_or_else(too_few)?;
-        let off = |(a, b): &(Vector3<f64>, Vector3<f64>)| (a - found.transform_point(b)).norm();
-        let mut all_off: Vec<f64> = all.iter().map(off).collect();
-        let median = median_in_place(&mut all_off).ok_or_else(too_few)?;
-        let limit = STRAY * median + 1e-9 * extent;
-        kept = all.iter().filter(|p| off(p) <= limit).copied().collect();
-        best = Some((found, median));
-    }
-    let (found, off) = best.ok_or_else(too_few)?;
+    let (found, off, num_kept) = robust_fit(&all).ok_or_else(too_few)?;
     if !(off <= MAX_OFF * extent) {
         return Err(MetresError::Contradiction {
             path: path.to_owned(),
@@ -301,8 +334,8 @@ fn from_positions(
     }
     let said = format!(
         "metres           from {} positions, off by {off:.3} m (median); {} do not fit",
-        kept.len(),
-        all.len() - kept.len()
+        num_kept,
+        all.len() - num_kept
     );
     Ok((found, said))
 }
@@ -398,6 +431,13 @@ mod tests {
             let named = NAMES.iter().zip(places).map(|(n, p)| ((*n).to_owned(), *p));
             Metres::Positions(PathBuf::from("gps.txt"), named.collect())
         };
+        let without = NAMES.iter().zip(centers());
+        let without = without.map(|(n, p)| (n.trim_end_matches(".jpg").to_owned(), p));
+        let text = refusal(Metres::Positions(
+            PathBuf::from("gps.txt"),
+            without.collect(),
+        ));
+        assert!(text.contains("`a`") && text.contains("`a.jpg`"), "{text}");
         assert!(refusal(of(&centers()[..2])).contains("of 2 of the pictures"));
         let mut wrong = centers();
         wrong.reverse();

@@ -2,7 +2,12 @@
 //!
 //! A header that declares more than the core accepts is refused before anything is allocated for it.
 
+mod folder;
 mod whole;
+
+pub use folder::{
+    Listed, counted, is_called_picture, is_hidden, is_video, listed, undecoded_ending,
+};
 
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
@@ -54,7 +59,7 @@ pub enum PictureError {
         path: PathBuf,
     },
     /// A format that needs a decoder which this tool does not have.
-    #[error("picture {path}: {format} {NOT_DECODED}")]
+    #[error("picture {path}: {}", not_decoded(format))]
     Unsupported {
         /// The file.
         path: PathBuf,
@@ -64,7 +69,24 @@ pub enum PictureError {
 }
 
 const CUT_OFF: &str = "the file ends before the picture does; copy it again";
-const NOT_DECODED: &str = "pictures are not decoded here; convert them to PNG or JPEG (for example with `magick mogrify -format jpg`)";
+
+/// That a format is not decoded, and what to do.
+fn not_decoded(format: &str) -> String {
+    let telephone = if format == "HEIC" {
+        "; an iPhone takes JPEGs with Settings > Camera > Formats > Most Compatible"
+    } else {
+        ""
+    };
+    format!(
+        "{format} pictures are not decoded here; convert them to JPEG (for example with `magick mogrify -format jpg`)\
+         {telephone}"
+    )
+}
+
+/// Whether bytes begin as a picture does, of a format that is decoded here or not.
+pub fn is_picture(bytes: &[u8]) -> bool {
+    image::guess_format(bytes).is_ok() || whole::undecoded_brand(bytes).is_some()
+}
 
 impl PictureError {
     /// What went wrong without the path, so that equal reasons can be counted.
@@ -74,7 +96,7 @@ impl PictureError {
             Self::Decode { source, .. } => source.to_string(),
             Self::Refused { source, .. } => source.to_string(),
             Self::CutOff { .. } => CUT_OFF.to_owned(),
-            Self::Unsupported { format, .. } => format!("{format} {NOT_DECODED}"),
+            Self::Unsupported { format, .. } => not_decoded(format),
         }
     }
 }
@@ -143,7 +165,8 @@ fn decoder(path: &Path) -> Result<(ImageFormat, impl ImageDecoder + use<>), Pict
         path: path.to_owned(),
         source,
     };
-    if let Some(format) = whole::undecoded_format(path).map_err(open)? {
+    let by_content = whole::undecoded_format(path).map_err(open)?;
+    if let Some(format) = by_content.or_else(|| undecoded_ending(path)) {
         return Err(PictureError::Unsupported {
             path: path.to_owned(),
             format,

@@ -1,6 +1,7 @@
 //! Scene files from disk, and the relocalizer made of them.
 
-use anyhow::{Context, Result};
+use crate::picture;
+use anyhow::{Context, Result, ensure};
 use landline::front_end::FrontEndOptions;
 use landline::relocalizer::{Relocalizer, RelocalizerOptions};
 use landline::scene_file::{ExtractorFile, SceneFile};
@@ -15,7 +16,17 @@ fn read(path: &Path) -> Result<Vec<u8>> {
 /// # Errors
 /// When it is missing or no scene.
 pub fn read_scene(path: &Path) -> Result<(SceneFile, usize)> {
+    ensure!(
+        !path.is_dir(),
+        "{} is a folder: a scene file is wanted here, as `landline map` writes it, and other things after it",
+        path.display()
+    );
     let bytes = read(path)?;
+    ensure!(
+        !picture::is_picture(&bytes),
+        "{} is a picture: a scene file is wanted here, as `landline map` writes it; pictures come after it",
+        path.display()
+    );
     let scene = SceneFile::from_bytes(&bytes)
         .with_context(|| format!("cannot use scene {}", path.display()))?;
     Ok((scene, bytes.len()))

@@ -1,7 +1,7 @@
 //! Pictures without poses: found in a folder or taken from a video, and posed by structure from motion.
 
 use crate::dataset::{DatasetImage, Split, WrittenImage, WrittenModel, WrittenPoint};
-use crate::picture;
+use crate::picture::{self, counted};
 use landline::features::FeatureSet;
 use landline::geometry::Camera;
 use landline::reconstruction::motion::{CameraGroup, Component};
@@ -21,15 +21,23 @@ pub enum UnposedError {
     },
     /// A folder without pictures, or with one.
     #[error(
-        "{path} has {found} readable pictures: poses need three at least that overlap, better thirty to \
-         three hundred"
+        "{path} has {}: poses need three at least that overlap, better thirty to three hundred{}",
+        counted(*found, "readable picture"),
+        because(unread)
     )]
     TooFew {
         /// The folder.
         path: PathBuf,
         /// Pictures in it.
         found: usize,
+        /// What is there and not read, for people.
+        unread: Vec<String>,
     },
+    /// A picture in place of a folder of them.
+    #[error(
+        "{0} is a picture: give the folder that holds the pictures, three at least, or a video"
+    )]
+    OnePicture(PathBuf),
     /// A video, and nothing that reads it.
     #[error(
         "{path} is a video, and the program `ffmpeg` that reads videos is not there: install it (https://ffmpeg.org), or \
@@ -49,6 +57,13 @@ pub enum UnposedError {
     },
 }
 
+fn because(unread: &[String]) -> String {
+    match unread {
+        [] => String::new(),
+        all => format!("; not read: {}", all.join("; ")),
+    }
+}
+
 fn io(path: &Path) -> impl FnOnce(std::io::Error) -> UnposedError + '_ {
     move |source| UnposedError::Io {
         path: path.to_owned(),
@@ -64,6 +79,24 @@ pub struct Found {
     pub unreadable: Vec<(String, String)>,
 }
 
+impl Found {
+    /// What could not be read, one text for each reason: how many, the first of them, and why.
+    pub fn unread(&self) -> Vec<String> {
+        let mut reasons: Vec<(&str, &str, usize)> = Vec::new();
+        for (name, reason) in &self.unreadable {
+            match reasons.iter_mut().find(|(_, known, _)| known == reason) {
+                Some((_, _, num)) => *num += 1,
+                None => reasons.push((name, reason, 1)),
+            }
+        }
+        let text = |(name, reason, num): (&str, &str, usize)| match num {
+            1 => format!("{name}: {reason}"),
+            _ => format!("{} ({name} ...): {reason}", counted(num, "picture")),
+        };
+        reasons.into_iter().map(text).collect()
+    }
+}
+
 /// Looks for pictures in a folder, not below it.
 ///
 /// # Errors
@@ -73,10 +106,12 @@ pub fn find_pictures(folder: &Path) -> Result<Found, UnposedError> {
         images: Vec::new(),
         unreadable: Vec::new(),
     };
-    for entry in std::fs::read_dir(folder).map_err(io(folder))? {
-        let path = entry.map_err(io(folder))?.path();
-        let is_picture = picture::has_known_ending(&path) && path.is_file();
-        let (true, Some(name)) = (is_picture, path.file_name()) else {
+    let listed = picture::listed(folder).map_err(io(folder))?;
+    let instead = listed.is_empty().then(|| listed.instead());
+    // Those of other formats are asked too, for the reason.
+    let undecoded = listed.undecoded.into_iter().map(|(path, _)| path);
+    for path in listed.pictures.into_iter().chain(undecoded) {
+        let Some(name) = path.file_name() else {
             continue;
         };
         let name = name.to_string_lossy().into_owned();
@@ -103,6 +138,7 @@ pub fn find_pictures(folder: &Path) -> Result<Found, UnposedError> {
         return Err(UnposedError::TooFew {
             path: folder.to_owned(),
             found: found.images.len(),
+            unread: instead.into_iter().chain(found.unread()).collect(),
         });
     }
     Ok(found)
@@ -113,6 +149,9 @@ pub fn find_pictures(folder: &Path) -> Result<Found, UnposedError> {
 /// # Errors
 /// When the program is missing or refuses the video.
 pub fn extract_frames(video: &Path, folder: &Path, per_second: f64) -> Result<(), UnposedError> {
+    if picture::is_called_picture(video) {
+        return Err(UnposedError::OnePicture(video.to_owned()));
+    }
     let mut partial = folder.as_os_str().to_owned();
     partial.push(".partial");
     let partial = PathBuf::from(partial);

@@ -79,7 +79,9 @@ impl Answer {
             found.map_or(0.0, |f| f64::from(f.found_points + f.found_lines))
         };
         if start.is_doubt() {
-            return found(self) > CLEARLY_MORE * found(other);
+            // Where the given camera fell already, to one that was solved, half of it known beats all of it solved.
+            let is_fallen = other.source == CameraSource::Estimated;
+            return found(self) > if is_fallen { 1.0 } else { CLEARLY_MORE } * found(other);
         }
         sure(self) > sure(other)
     }

@@ -4,7 +4,7 @@ import { readFileSync } from "node:fs";
 import { join, posix } from "node:path";
 import { test } from "node:test";
 import { artefact, browser, haveSample, located, open, sampleFiles, serve, violations } from "./page.mjs";
-import { site } from "./support.mjs";
+import { root, site } from "./support.mjs";
 
 const skip = haveSample() ? false : "the sample scene is not there: run `cargo xtask sample`";
 const phone = { viewport: { width: 390, height: 844 }, deviceScaleFactor: 2, isMobile: true, hasTouch: true };
@@ -24,6 +24,14 @@ test("every module of the page is asked for at once", () => {
   visit("main.js");
   reached.delete("main.js");
   assert.deepEqual(listed, [...reached].sort());
+});
+
+test("a focal length that was solved is not said to be EXIF's", async () => {
+  const source = readFileSync(join(root, "www/focal.js"), "utf8");
+  const { focalWords } = await import(`data:text/javascript,${encodeURIComponent(source)}`);
+  assert.equal(focalWords({ fx: 510, source: "exif", relativeSigma: 0.001 }), "510.0 px, solved from this picture, EXIF as a start (± 0.1 %)");
+  assert.equal(focalWords({ fx: 510, source: "exif" }), "510.0 px, from the picture’s EXIF");
+  assert.equal(focalWords({ fx: 525.5, source: "given" }), "525.5 px, given");
 });
 
 test("while nothing has arrived the page shows that it loads, and on a phone nothing is cut off", { skip, timeout: 240_000 }, async (t) => {

@@ -38,7 +38,9 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     // The kernels with the bits of wasm, so that the three may be compared to the last digits; the machine's best are
     // faster and differ from them by rounding.
     locate
-        .args(["demo", "--kernels", "portable", "--save"])
+        .args(["demo", "--kernels", "portable", "--extractor"])
+        .arg(paths::package().join("xfeat.safetensors"))
+        .arg("--save")
         .arg(&saved);
     shell::run(&mut locate)?;
     let server = Arc::new(serve::Server::bind(&serve::Args {

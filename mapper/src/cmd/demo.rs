@@ -1,7 +1,8 @@
 //! `landline demo`: locates the sample pictures and compares with their exact poses.
 
-use crate::args::KernelArgs;
+use crate::args::{ExtractorArgs, KernelArgs};
 use crate::picture;
+use crate::scene::{read_scene, relocalizer};
 use anyhow::{Context as _, Result, bail, ensure};
 use landline::geometry::{CamFromWorld, Camera, CameraModel};
 use landline::image::{FrameView, PixelFormat};
@@ -27,9 +28,8 @@ pub struct Args {
     /// The scene file, if it lies elsewhere.
     #[arg(long)]
     scene: Option<PathBuf>,
-    /// The extractor's file.
-    #[arg(long, default_value = "dist/npm/landline/xfeat.safetensors")]
-    extractor: PathBuf,
+    #[command(flatten)]
+    extractor: ExtractorArgs,
     #[command(flatten)]
     kernels: KernelArgs,
     /// Also writes the results as `poses.json` into this folder, and each picture's pixels beside it as `NAME.rgb` (rows
@@ -85,7 +85,7 @@ pub fn run(args: Args) -> Result<()> {
     let list_path = args.list.unwrap_or_else(|| args.dir.join("sample.json"));
     let text = std::fs::read_to_string(&list_path).with_context(|| {
         format!(
-            "cannot read {}: `cargo xtask sample` makes the sample",
+            "cannot read {}: the sample is in landline's repository, so run this in a checkout of it, or give --dir FOLDER",
             list_path.display()
         )
     })?;
@@ -96,14 +96,11 @@ pub fn run(args: Args) -> Result<()> {
         "{} names no picture",
         list_path.display()
     );
-    let scene = read(
-        &args
-            .scene
-            .unwrap_or_else(|| args.dir.join("sample.landline")),
-    )?;
-    let extractor = read(&args.extractor)
-        .context("`cargo xtask web` makes the extractor's file; `--extractor` names another")?;
-    let mut relocalizer = Relocalizer::from_bytes(&scene, &extractor, |options| {
+    let scene = args
+        .scene
+        .unwrap_or_else(|| args.dir.join("sample.landline"));
+    let (scene, _) = read_scene(&scene)?;
+    let mut relocalizer = relocalizer(scene, args.extractor.read()?, |options| {
         options.kernels = args.kernels.level();
     })?;
     let mut rows = Vec::with_capacity(list.pictures.len());
@@ -125,10 +122,6 @@ pub fn run(args: Args) -> Result<()> {
         );
     }
     Ok(())
-}
-
-fn read(path: &Path) -> Result<Vec<u8>> {
-    std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))
 }
 
 fn write(folder: &Path, name: &str, bytes: &[u8]) -> Result<()> {

@@ -26,7 +26,8 @@ use std::path::{Path, PathBuf};
 ///
 /// Printed are medians and recall of points with lines, points only, lines only and the baseline (as many landmarks as fit
 /// the scene file's bytes, same features, same solver); whether lines help, with a bootstrap over pictures; the share of
-/// predicted lines that lie on triangulated ones; and the time of each stage.
+/// predicted lines that lie on triangulated ones; and the time of each stage. Features are those of the run that made the
+/// scene where its folder is there, or of `--features`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The scene file.
@@ -93,6 +94,7 @@ const MAX_DRAWN: usize = 20;
 /// # Errors
 /// When a file cannot be read, or the data set has no test pictures with poses.
 pub fn run(args: Args) -> Result<()> {
+    let (scene, num_bytes) = read_scene(&args.scene)?;
     let dataset = open(&args.teaching.data)?;
     if !args.json {
         print!("{}", dataset.table());
@@ -107,7 +109,6 @@ pub fn run(args: Args) -> Result<()> {
             "the data set has no test pictures; choose some with --test (for example --test 800-899)"
         );
     }
-    let (scene, num_bytes) = read_scene(&args.scene)?;
     // What the scene says, unless the user knows better: the data set's own format says nothing of another's scene.
     let said = args.teaching.data.units;
     let units = match args.teaching.data.scale {
@@ -115,10 +116,11 @@ pub fn run(args: Args) -> Result<()> {
         None => said.unwrap_or(scene.info.units),
     };
     let extractor = args.teaching.extractor.read()?;
+    let cache = args.cache();
     let extraction = Extraction::new(
         extractor.clone(),
         front_end_options(&scene),
-        args.teaching.features.as_deref(),
+        cache.as_deref(),
     );
     let labels = match (&args.labels, args.no_baseline) {
         (_, true) => None,
@@ -195,6 +197,17 @@ pub fn run(args: Args) -> Result<()> {
         }
     }
     Ok(())
+}
+
+impl Args {
+    /// The folder of cached features: the one that was given, or that of the run that made the scene, where it is there.
+    fn cache(&self) -> Option<PathBuf> {
+        let given = self.teaching.features.clone();
+        given.or_else(|| {
+            let of_run = self.scene.with_extension("run").join("features");
+            of_run.is_dir().then_some(of_run)
+        })
+    }
 }
 
 /// Writes the scene's own accuracy into its file.

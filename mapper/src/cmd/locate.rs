@@ -2,13 +2,14 @@
 
 use crate::args::{ExtractorArgs, KernelArgs, device};
 use crate::device;
-use crate::eval::PoseError;
+use crate::eval::{CONFIDENT, PoseError};
 use crate::files::names_apart;
 use crate::overlay;
 use crate::picture;
+use crate::posing;
 use crate::scene::{read_scene, relocalizer};
 use crate::shown::shown;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use landline::formats::expressed;
 use landline::geometry::{Camera, CameraRecord};
 use landline::image::{FrameView, PixelFormat};
@@ -24,7 +25,7 @@ use std::time::Instant;
 pub struct Args {
     /// The scene file.
     scene: PathBuf,
-    /// Pictures.
+    /// Pictures, or folders of them.
     #[arg(required = true)]
     pictures: Vec<PathBuf>,
     #[command(flatten)]
@@ -33,6 +34,9 @@ pub struct Args {
     /// where one takes pictures of the same shape, else the focal length is solved with the pose.
     #[arg(long, value_name = "MODEL,W,H,...", value_parser = crate::dataset::parse_camera)]
     camera: Option<CameraRecord>,
+    /// Focal length of the pictures in pixels, without distortion and with the principal point in the middle.
+    #[arg(long, value_name = "PX", conflicts_with = "camera")]
+    focal: Option<f64>,
     #[command(flatten)]
     kernels: KernelArgs,
     /// What runs the networks.
@@ -56,6 +60,12 @@ pub struct Args {
 /// When the scene or the extractor cannot be read, or, once all others are done, when a picture could not. That a picture
 /// is not located is a result.
 pub fn run(args: Args) -> Result<()> {
+    // Before anything expensive happens.
+    let pictures = pictures(&args.pictures)?;
+    if let Some(folder) = &args.overlay {
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("--overlay: cannot make the folder {}", folder.display()))?;
+    }
     let (scene, _) = read_scene(&args.scene)?;
     let extractor = args.extractor.read()?;
     let given = args.camera.as_ref().map(expressed).transpose()?;
@@ -75,24 +85,69 @@ pub fn run(args: Args) -> Result<()> {
         on_cpu,
         worst: Apart::default(),
     };
-    let mut num_failed = 0;
-    let names = names_apart(&args.pictures, Path::file_stem);
-    for (path, name) in args.pictures.iter().zip(&names) {
+    let (mut num_unread, mut num_refused) = (0, 0);
+    let names = names_apart(&pictures, Path::file_stem);
+    for (path, name) in pictures.iter().zip(&names) {
         // A picture that cannot be read does not keep the others from being located.
-        if let Err(error) = locate(&mut both, (path, name), given, &args) {
-            eprintln!("error: {}", crate::shown::told(&error));
-            num_failed += 1;
+        let rgb = match picture::read(path) {
+            Ok(picture) => picture.into_rgb8(),
+            Err(error) => {
+                eprintln!("error: {}", crate::shown::told(&error.into()));
+                num_unread += 1;
+                continue;
+            }
+        };
+        let drawn = match locate(&mut both, (path, &rgb), given, &args) {
+            Ok(drawn) => drawn,
+            Err(error) => {
+                eprintln!("error: {}", crate::shown::told(&error));
+                num_refused += 1;
+                continue;
+            }
+        };
+        if let (Some(folder), Some(drawn)) = (&args.overlay, drawn) {
+            let target = folder.join(format!("{name}.overlay.png"));
+            // Where one cannot be written, none can.
+            picture::write_png(&drawn, &target).context("--overlay")?;
+            if !args.json {
+                println!("  overlay    {}", target.display());
+            }
         }
     }
     if args.against_cpu && !args.json {
         println!("farthest from the CPU over all pictures: {}", both.worst);
     }
-    ensure!(
-        num_failed == 0,
-        "{num_failed} of {} pictures could not be read",
-        args.pictures.len()
-    );
+    let counts = [
+        (num_unread, "could not be read"),
+        (num_refused, "do not go with what was given"),
+    ];
+    let failed: Vec<String> = counts
+        .iter()
+        .filter(|(num_failed, _)| *num_failed > 0)
+        .map(|(num_failed, what)| format!("{num_failed} of {} pictures {what}", pictures.len()))
+        .collect();
+    ensure!(failed.is_empty(), "{}", failed.join(", "));
     Ok(())
+}
+
+/// The pictures that were given, with those of folders in their place.
+fn pictures(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    let mut pictures = Vec::with_capacity(given.len());
+    for path in given {
+        if !path.is_dir() {
+            pictures.push(path.clone());
+            continue;
+        }
+        let found = picture::listed(path)?;
+        if found.pictures.is_empty() {
+            bail!("{} has {}", path.display(), found.instead());
+        }
+        if !found.undecoded.is_empty() {
+            eprintln!("not read: {}", found.instead());
+        }
+        pictures.extend(found.pictures);
+    }
+    Ok(pictures)
 }
 
 /// The relocalizer, and another one that stays on the CPU for comparison.
@@ -153,16 +208,23 @@ struct Told {
     apart: Option<Apart>,
 }
 
-/// Locates a picture, that is given with a name among the others.
+/// Locates a picture and tells of it; gives what is to be drawn, where drawings are asked for.
 fn locate(
     both: &mut Both,
-    (path, name): (&Path, &str),
+    (path, rgb): (&Path, &image::RgbImage),
     given: Option<Camera>,
     args: &Args,
-) -> Result<()> {
-    let rgb = picture::read(path)?.into_rgb8();
+) -> Result<Option<image::RgbImage>> {
+    let (width, height) = rgb.dimensions();
+    let of_focal = |focal| {
+        posing::check_focal(focal, width, height)?;
+        Ok::<_, posing::PosingError>(Camera::centered(width, height, focal))
+    };
     let query = Query {
-        camera: given,
+        camera: match given {
+            Some(camera) => Some(camera),
+            None => args.focal.map(of_focal).transpose()?,
+        },
         ..Query::default()
     };
     let frame = FrameView::tight(rgb.as_raw(), rgb.width(), rgb.height(), PixelFormat::Rgb8);
@@ -189,21 +251,14 @@ fn locate(
     let drawn = args
         .overlay
         .as_ref()
-        .map(|_| overlay(&rgb, relocalizer, &report));
+        .map(|_| overlay(rgb, relocalizer, &report));
     let report = relocalizer.explain(&query, &report).with_context(refused)?;
     if args.json {
         println!("{}", to_json(path, &report, &told));
     } else {
         print_report(path, &report, &told);
     }
-    if let (Some(folder), Some(drawn)) = (&args.overlay, drawn) {
-        let target = folder.join(format!("{name}.overlay.png"));
-        picture::write_png(&drawn, &target)?;
-        if !args.json {
-            println!("  overlay    {}", target.display());
-        }
-    }
-    Ok(())
+    Ok(drawn)
 }
 
 fn print_report(path: &Path, report: &Report, told: &Told) {
@@ -231,10 +286,15 @@ fn print_report(path: &Path, report: &Report, told: &Told) {
                 l.median_error_px
             );
             println!(
-                "  sure to    {:.4} in position, {:.3} deg (one sigma), confidence {:.3}",
+                "  sure to    {:.4} in position, {:.3} deg (one sigma), confidence {:.3}{}",
                 l.estimate.sigma_m,
                 l.estimate.sigma_rad.to_degrees(),
-                l.confidence
+                l.confidence,
+                if l.confidence > CONFIDENT {
+                    ""
+                } else {
+                    ": it may be wrong"
+                }
             );
         }
         Outcome::NotLocated(reason) => println!(

@@ -5,7 +5,8 @@ use crate::aside::Aside;
 use crate::dataset::{has_poses, open};
 use crate::extract::Extraction;
 use crate::files;
-use crate::posing::{POSED_FILES, is_video, pose_pictures};
+use crate::picture::is_video;
+use crate::posing::{POSED_FILES, pose_pictures};
 use crate::privacy::{Privacy, hold_back};
 use crate::progress::Progress;
 use crate::refining::refine;
@@ -57,6 +58,9 @@ pub struct Args {
     #[cfg(feature = "train")]
     #[command(flatten)]
     how: TrainingArgs,
+    #[cfg(not(feature = "train"))]
+    #[command(flatten)]
+    _untrained: crate::args::Untrained,
 }
 
 /// Teaches a place.

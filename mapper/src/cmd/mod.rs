@@ -19,3 +19,5 @@ pub mod place;
 pub mod poses;
 #[cfg(feature = "train")]
 pub mod train;
+#[cfg(not(feature = "train"))]
+pub mod untrained;

@@ -46,6 +46,9 @@ pub struct Args {
     #[cfg(feature = "train")]
     #[command(flatten)]
     how: TrainingArgs,
+    #[cfg(not(feature = "train"))]
+    #[command(flatten)]
+    _untrained: crate::args::Untrained,
 }
 
 fn set() -> impl TypedValueParser<Value = DataSet> {

@@ -1,6 +1,7 @@
 //! `landline poses`: poses of pictures that have none, as a COLMAP model.
 
 use crate::args::{ExtractorArgs, PosingArgs};
+use crate::dataset::OneOnly;
 use crate::extract::Extraction;
 use crate::posing::pose_pictures;
 use crate::progress::Progress;
@@ -16,6 +17,8 @@ use std::path::PathBuf;
 pub struct Args {
     /// Folder of pictures in the order of their names, or a video (read by the program `ffmpeg`).
     pictures: PathBuf,
+    #[command(flatten)]
+    _one: OneOnly,
     /// Folder of the COLMAP model to write, binary and text; it must not be there yet.
     #[arg(long, short)]
     out: PathBuf,

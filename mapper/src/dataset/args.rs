@@ -13,6 +13,9 @@ use std::path::PathBuf;
 pub struct DataArgs {
     /// Data set: a folder, a pose list, or a transforms.json.
     pub data: PathBuf,
+    /// One of them.
+    #[command(flatten)]
+    pub one: OneOnly,
     /// Format; found out by itself when not given.
     #[arg(long, value_enum)]
     pub format: Option<Format>,
@@ -77,6 +80,7 @@ impl DataArgs {
     pub fn of(data: PathBuf) -> Self {
         Self {
             data,
+            one: OneOnly::default(),
             format: None,
             pictures: None,
             poses: None,
@@ -101,6 +105,21 @@ impl DataArgs {
     pub fn chooses_split(&self) -> bool {
         self.train.is_some() || self.test.is_some() || self.test_list.is_some()
     }
+}
+
+/// Refuses further paths after a data set, as a shell makes them of `room/*.jpg`.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct OneOnly {
+    /// Nothing.
+    #[arg(hide = true, value_name = "MORE", value_parser = no_more)]
+    more: Vec<String>,
+}
+
+fn no_more(_: &str) -> Result<String, String> {
+    Err(
+        "one folder, file or video is taken here: give the folder that holds the pictures"
+            .to_owned(),
+    )
 }
 
 /// The formats that are read.
@@ -256,6 +275,7 @@ mod tests {
                 &["--units", "metres", "--scale", "2"],
                 "cannot be used with",
             ),
+            (&["some/other.jpg"], "give the folder"),
         ] {
             let error = parsed(words).expect_err("no such words").to_string();
             assert!(error.contains(said), "{words:?}: {error}");

@@ -23,7 +23,7 @@ mod transforms;
 mod tum;
 mod world;
 
-pub use args::{DataArgs, Format, PoseCamera, parse_camera, parse_vector, units};
+pub use args::{DataArgs, Format, OneOnly, PoseCamera, parse_camera, parse_vector, units};
 pub use colmap_write::{MODEL_FILES, WrittenImage, WrittenModel, WrittenPoint};
 pub use open::{has_poses, open};
 pub use split::{IndexRange, Split};
@@ -190,7 +190,7 @@ pub enum DatasetError {
     #[error(
         "{path} is no data set that this tool knows: {what}. It reads COLMAP models, transforms.json, 7-Scenes and \
          Indoor-6 folders, TUM RGB-D folders, pose lists (name qw qx qy qz tx ty tz [f]) and hloc query lists; \
-         `--format` forces one"
+         `--format` forces one. `landline map` and `landline poses` take a folder of pictures or a video without poses too"
     )]
     UnknownFormat {
         /// What was given.
@@ -198,6 +198,22 @@ pub enum DatasetError {
         /// What was looked for.
         what: String,
     },
+    /// Pictures without poses, for something that needs these.
+    #[error(
+        "{path} has no poses ({what}), and here they are needed: `landline poses {path} --out DIR` finds them; then give DIR \
+         in its place, with `--pictures {pictures}`. `landline map` finds them by itself"
+    )]
+    NoPoses {
+        /// Folder or video.
+        path: PathBuf,
+        /// What is there.
+        what: String,
+        /// Where its pictures are once it has poses.
+        pictures: PathBuf,
+    },
+    /// A picture in place of a data set.
+    #[error("{0} is a picture: give the folder that holds the pictures")]
+    OnePicture(PathBuf),
     /// The format needs something that is not there.
     #[error("{path}: {what}")]
     Missing {

@@ -92,7 +92,7 @@ pub fn has_poses(args: &DataArgs) -> bool {
     let Ok(files) = list_files(data) else {
         return true;
     };
-    let has_pictures = files.iter().any(|p| picture::has_known_ending(p));
+    let has_pictures = files.iter().any(|p| picture::is_called_picture(p));
     let is_list = |p: &PathBuf| {
         p.extension().is_some_and(|e| e.eq_ignore_ascii_case("txt"))
             && pose_list::kind_of(p).is_some()
@@ -219,6 +219,47 @@ fn read_list(mut source: Source<'_>) -> Result<Dataset, DatasetError> {
     Ok(dataset)
 }
 
+/// A file that is no list of poses.
+fn no_list(path: &Path) -> DatasetError {
+    if picture::is_called_picture(path) {
+        return DatasetError::OnePicture(path.to_owned());
+    }
+    if picture::is_video(path) {
+        return DatasetError::NoPoses {
+            path: path.to_owned(),
+            what: "a video".to_owned(),
+            // As `landline poses` calls the frames that it takes.
+            pictures: PathBuf::from("DIR.frames-3"),
+        };
+    }
+    DatasetError::UnknownFormat {
+        path: path.to_owned(),
+        what: "its first line is neither a pose nor a query".to_owned(),
+    }
+}
+
+/// A folder in which no format is found.
+fn nothing_known(folder: &Path) -> DatasetError {
+    let listed = match picture::listed(folder) {
+        Ok(listed) => listed,
+        Err(e) => return DatasetError::io(folder)(e),
+    };
+    if !listed.pictures.is_empty() {
+        return DatasetError::NoPoses {
+            path: folder.to_owned(),
+            what: picture::counted(listed.pictures.len(), "picture"),
+            pictures: folder.to_owned(),
+        };
+    }
+    DatasetError::UnknownFormat {
+        path: folder.to_owned(),
+        what: format!(
+            "no model, no transforms.json and no pose list in it, and {}",
+            listed.instead()
+        ),
+    }
+}
+
 /// The pose list of a folder, what kind it is, and a remark when there was a choice.
 fn find_list(source: &Source<'_>) -> Result<(PathBuf, ListKind, Option<String>), DatasetError> {
     let Source { args, root, .. } = source;
@@ -239,10 +280,7 @@ fn find_list(source: &Source<'_>) -> Result<(PathBuf, ListKind, Option<String>),
         std::fs::metadata(&path).map_err(DatasetError::io(&path))?;
         let kind = forced
             .or_else(|| pose_list::kind_of(&path))
-            .ok_or_else(|| DatasetError::UnknownFormat {
-                path: path.clone(),
-                what: "its first line is neither a pose nor a query".to_owned(),
-            })?;
+            .ok_or_else(|| no_list(&path))?;
         return Ok((path, kind, None));
     }
     let mut lists: Vec<(PathBuf, ListKind)> = list_files(root)?
@@ -254,10 +292,7 @@ fn find_list(source: &Source<'_>) -> Result<(PathBuf, ListKind, Option<String>),
     lists.sort_by_key(|(p, _)| rank(&p.to_string_lossy()));
     let mut lists = lists.into_iter();
     let Some((path, kind)) = lists.next() else {
-        return Err(DatasetError::UnknownFormat {
-            path: args.data.clone(),
-            what: "no model, no transforms.json and no pose list in it".to_owned(),
-        });
+        return Err(nothing_known(&args.data));
     };
     let others: Vec<String> = lists
         .map(|(p, _)| {

@@ -1,7 +1,7 @@
 //! Where the pictures of a data set are.
 
 use super::{Dataset, DatasetError};
-use crate::picture;
+use crate::picture::{self, is_hidden};
 use landline::formats::{Found, LFS_START, Names, plain};
 use std::cell::OnceCell;
 use std::io::Read;
@@ -187,12 +187,6 @@ fn is_lfs_pointer(path: &Path) -> bool {
     let mut start = [0; LFS_START.len()];
     std::fs::File::open(path).is_ok_and(|mut file| file.read_exact(&mut start).is_ok())
         && start == *LFS_START
-}
-
-/// `.DS_Store` and the like.
-fn is_hidden(path: &Path) -> bool {
-    path.file_name()
-        .is_none_or(|name| name.to_string_lossy().starts_with('.') || name == "Thumbs.db")
 }
 
 /// Files of a folder, sorted, without hidden ones.

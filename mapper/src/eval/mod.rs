@@ -10,17 +10,19 @@ mod plots;
 mod reliability;
 mod report;
 mod run;
+mod world;
 
 pub use baseline::{Landmarks, baseline_size};
 pub use compare::Comparison;
 pub use held_out::{held_out, held_range, pose_error};
 pub use lines::{LineAccuracy, LineTruth, MAX_LINE_ANGLE_DEG, MAX_LINE_DISTANCE};
 pub use peer::{FullMatching, NUM_PICTURES};
-pub use reliability::Reliability;
+pub use reliability::{CONFIDENT, Reliability};
 pub use report::{Subject, per_image_csv, table, to_json, write_report};
 pub use run::{
     EvalError, EvalOptions, Evaluation, Evaluator, ImageResult, MethodResult, solver_options,
 };
+pub use world::OtherWorld;
 
 use landline::geometry::CamFromWorld;
 use landline::math::stats::median_in_place;

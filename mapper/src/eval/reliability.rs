@@ -10,7 +10,7 @@ const BINS: [f64; 5] = [0.0, 0.5, 0.7, 0.9, 0.99];
 /// An answer within this position error (world units) and rotation error (degrees) is right.
 const RIGHT: (f64, f64) = (0.25, 10.0);
 /// Above this an answer is called confident.
-const CONFIDENT: f64 = 0.9;
+pub const CONFIDENT: f64 = 0.9;
 
 /// Answers whose confidence lies in one bin.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]

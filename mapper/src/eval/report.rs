@@ -69,6 +69,9 @@ pub fn table(evaluation: &Evaluation) -> String {
     if evaluation.images.iter().any(|i| i.confidence.is_some()) {
         let _ = writeln!(out, "{}", evaluation.reliability.text(&ruler));
     }
+    if let Some(other) = &evaluation.other_world {
+        let _ = writeln!(out, "{}", other.text(&ruler));
+    }
     out
 }
 
@@ -116,6 +119,7 @@ pub fn to_json(evaluation: &Evaluation, subject: &Subject) -> serde_json::Value 
             "calibration_error": evaluation.reliability.calibration_error(),
             "confident_wrong": evaluation.reliability.num_confident_wrong,
         },
+        "other_world": evaluation.other_world,
         "images": evaluation.images.iter().map(|image| json!({
             "name": image.name,
             "methods": image.methods,

@@ -5,7 +5,8 @@
 use super::baseline::Landmarks;
 use super::lines::{LineAccuracy, LineTruth};
 use super::peer::{FullMatching, NUM_PICTURES};
-use super::{Comparison, PoseError, Reliability, Summary};
+use super::reliability::CONFIDENT;
+use super::{Comparison, OtherWorld, PoseError, Reliability, Summary};
 use crate::dataset::DatasetImage;
 use crate::extract::{ExtractError, Extraction};
 use crate::picture::{self, PictureError};
@@ -151,6 +152,8 @@ pub struct Evaluation {
     pub reliability: Reliability,
     /// Unit of all positions and thresholds.
     pub units: Units,
+    /// Where the answers are right in another world than the data's.
+    pub other_world: Option<OtherWorld>,
 }
 
 /// Names of the scene's own methods, in the order of [`ImageResult::methods`]. The last is there where the scene has landmarks.
@@ -291,6 +294,7 @@ impl<'a> Evaluator<'a> {
         let own = |r: &ImageResult| r.confidence.zip(r.methods.first()?.error);
         Ok(Evaluation {
             reliability: Reliability::of(results.iter().filter_map(own)),
+            other_world: OtherWorld::of(&results, CONFIDENT),
             methods,
             images: results,
             median_ms,

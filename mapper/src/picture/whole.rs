@@ -86,15 +86,21 @@ pub(super) fn ends_blank(picture: &DynamicImage) -> bool {
 pub(super) fn undecoded_format(path: &Path) -> io::Result<Option<&'static str>> {
     let mut head = Vec::new();
     File::open(path)?.take(64).read_to_end(&mut head)?;
+    Ok(undecoded_brand(&head))
+}
+
+/// The same of the first bytes of a file.
+pub(super) fn undecoded_brand(bytes: &[u8]) -> Option<&'static str> {
+    let head = bytes.get(..64).unwrap_or(bytes);
     if head.get(4..8) != Some(b"ftyp") {
-        return Ok(None);
+        return None;
     }
     let names = |brands: &[&[u8; 4]]| brands.iter().any(|brand| holds(&head[8..], *brand));
-    Ok(if names(&[b"avif", b"avis"]) {
+    if names(&[b"avif", b"avis"]) {
         Some("AVIF")
     } else if names(&[b"heic", b"heix", b"hevc", b"mif1"]) {
         Some("HEIC")
     } else {
         None
-    })
+    }
 }

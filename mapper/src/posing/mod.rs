@@ -32,7 +32,19 @@ pub enum PosingError {
     Extract(#[from] ExtractError),
     /// Nothing can be reconstructed.
     #[error(transparent)]
-    Motion(#[from] MotionError),
+    Motion(MotionError),
+    /// The given focal length is not that of the pictures. What they say meanwhile is nearer and no answer yet.
+    #[error(
+        "the focal length that was given, {given_px:.0} pixels, is too {} for these pictures: leave it out, they tell it by \
+         themselves; or give the camera's own, of the pictures as they are (a crop or a zoom has another)",
+        if *is_longer { "long" } else { "short" }
+    )]
+    Focal {
+        /// As given.
+        given_px: f64,
+        /// Whether it is longer than what the pictures say.
+        is_longer: bool,
+    },
     /// What is said about lengths does not fit.
     #[error(transparent)]
     Metres(#[from] MetresError),
@@ -42,6 +54,20 @@ pub enum PosingError {
     /// The model cannot be written.
     #[error("the model: {0}")]
     Write(#[from] std::io::Error),
+}
+
+impl From<MotionError> for PosingError {
+    fn from(error: MotionError) -> Self {
+        match error {
+            MotionError::Focal {
+                given_px, seen_px, ..
+            } => Self::Focal {
+                given_px,
+                is_longer: given_px > seen_px,
+            },
+            other => Self::Motion(other),
+        }
+    }
 }
 
 /// What is known beforehand.
@@ -75,13 +101,6 @@ pub struct Posed {
 /// Widths of the picture that a focal length may have.
 const FOCALS: std::ops::RangeInclusive<f64> = 0.1..=20.0;
 
-/// Whether a path is a video, by its ending.
-pub fn is_video(path: &Path) -> bool {
-    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
-    let known = ["mp4", "mov", "m4v", "mkv", "webm", "avi", "3gp"];
-    path.is_file() && known.iter().any(|e| extension == *e)
-}
-
 const REPORT_FILE: &str = "report.html";
 
 /// All that [`pose_pictures`] puts into its folder.
@@ -102,7 +121,9 @@ pub fn pose_pictures(
 ) -> Result<Posed, PosingError> {
     let start = Instant::now();
     let folder = frames(request, out)?;
-    let Found { images, unreadable } = unposed::find_pictures(&folder)?;
+    let found = unposed::find_pictures(&folder)?;
+    let unread = found.unread();
+    let Found { images, unreadable } = found;
     for image in &images {
         check_camera(request, image.camera.width, image.camera.height)?;
     }
@@ -169,11 +190,8 @@ pub fn pose_pictures(
         }
     }
     let mut summary = String::new();
-    for (name, reason) in &unreadable {
-        line(
-            &mut summary,
-            format_args!("not read         {name}: {reason}"),
-        );
+    for text in &unread {
+        line(&mut summary, format_args!("not read         {text}"));
     }
     describe(&motion, &names, &mut summary);
     if let (Some(metres), Some(largest)) = (&request.metres, motion.components.first_mut()) {
@@ -243,16 +261,25 @@ fn frames(request: &PosingRequest, out: &Path) -> Result<PathBuf, PosingError> {
     Ok(folder)
 }
 
-fn check_camera(request: &PosingRequest, width: u32, height: u32) -> Result<(), PosingError> {
+/// Refuses focal lengths that no camera has.
+///
+/// # Errors
+/// [`PosingError::Camera`].
+pub fn check_focal(focal_px: f64, width: u32, height: u32) -> Result<(), PosingError> {
     let side = f64::from(width.max(height));
-    if let Some(focal) = request.focal_px
-        && !FOCALS.contains(&(focal / side))
-    {
-        return Err(PosingError::Camera(format!(
-            "--focal is {focal}: for pictures of {width} x {height} expected {} to {} pixels",
-            FOCALS.start() * side,
-            FOCALS.end() * side
-        )));
+    if FOCALS.contains(&(focal_px / side)) {
+        return Ok(());
+    }
+    Err(PosingError::Camera(format!(
+        "--focal is {focal_px}: for pictures of {width} x {height} expected {} to {} pixels",
+        FOCALS.start() * side,
+        FOCALS.end() * side
+    )))
+}
+
+fn check_camera(request: &PosingRequest, width: u32, height: u32) -> Result<(), PosingError> {
+    if let Some(focal) = request.focal_px {
+        check_focal(focal, width, height)?;
     }
     if let Some(camera) = &request.camera
         && (camera.width, camera.height) != (width, height)
@@ -365,4 +392,26 @@ fn weak_link(motion: &Motion, names: &[&str]) -> Option<String> {
 fn line(out: &mut String, text: std::fmt::Arguments<'_>) {
     // Writing to a string cannot fail.
     writeln!(out, "{text}").unwrap_or_default();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wrong_focal_length_is_refused_without_another_that_would_be_refused_too() {
+        for (given_px, seen_px, word) in [(900.0, 584.0, "too long"), (300.0, 431.0, "too short")] {
+            let error = PosingError::from(MotionError::Focal {
+                group: 0,
+                given_px,
+                seen_px,
+            });
+            let text = error.to_string();
+            assert!(
+                text.contains(word) && text.contains("leave it out"),
+                "{text}"
+            );
+            assert!(!text.contains(&seen_px.to_string()), "{text}");
+        }
+    }
 }

@@ -206,6 +206,125 @@ fn locate_draws_what_it_found_and_goes_on_after_a_picture_that_is_none() {
     }
 }
 
+#[test]
+fn locate_takes_folders_in_the_order_of_names_and_a_focal_length() {
+    let folder = Folder::new();
+    for (from, to) in [("query-03.jpg", "b.jpg"), ("query-00.jpg", "a.jpg")] {
+        folder.copy(&sample().join(from), &format!("photos/{to}"));
+    }
+    let scene = sample().join("sample.landline");
+    let words = |focal: &str| {
+        let scene = scene.to_str().expect("UTF-8");
+        let photos = folder.0.join("photos");
+        let photos = photos.to_str().expect("UTF-8");
+        landline(&["locate", scene, photos, "--json", "--focal", focal])
+    };
+    let Some(output) = words("560") else {
+        return;
+    };
+    let found: Vec<Value> = text(&output.stdout)
+        .lines()
+        .map(|line| serde_json::from_str(line).expect("a line of JSON"))
+        .collect();
+    assert_eq!(found.len(), 2, "{}", text(&output.stderr));
+    for (found, name) in found.iter().zip(["a.jpg", "b.jpg"]) {
+        assert!(found["picture"].as_str().expect("a path").ends_with(name));
+        assert_eq!(found["camera_source"], "given", "{found}");
+        assert_eq!(found["focal_px"], 560.0, "{found}");
+    }
+    // In pixels of the picture, not in millimetres.
+    let output = words("24").expect("as before");
+    let message = text(&output.stderr);
+    assert!(
+        message.contains("expected 64 to 12800 pixels")
+            && message.contains("2 of 2 pictures do not go with what was given"),
+        "{message}"
+    );
+}
+
+/// Every answer is right in the scene's world; the data's lies three metres beside it.
+#[test]
+fn eval_tells_another_world_from_wrong_answers() {
+    let folder = Folder::new();
+    let (list, camera) = pose_list(&folder, 8);
+    let scene = sample().join("sample.landline");
+    let pictures = sample();
+    let path = |p: &Path| p.to_str().expect("UTF-8").to_owned();
+    let other_world = |list: &Path| {
+        let output = landline(&[
+            "eval",
+            &path(&scene),
+            &path(list),
+            "--pictures",
+            &path(&pictures),
+            "--camera",
+            &camera,
+            "--pose-direction",
+            "cam-from-world",
+            "--test",
+            "0-7",
+            "--no-baseline",
+            "--json",
+        ])?;
+        let said = text(&output.stdout);
+        let found: Value = serde_json::from_str(&said).expect("JSON");
+        Some(found["other_world"].clone())
+    };
+    let Some(as_it_is) = other_world(&list) else {
+        return;
+    };
+    assert_eq!(as_it_is, Value::Null);
+    let poses = std::fs::read_to_string(&list).expect("was written");
+    let mut moved = String::new();
+    for line in poses.lines() {
+        let (name, numbers) = line.split_once(' ').expect("a name");
+        let mut m: Vec<f64> = numbers
+            .split(' ')
+            .map(|n| n.parse().expect("a number"))
+            .collect();
+        for row in 0..3 {
+            m[4 * row + 3] += 3.0 * m[4 * row];
+        }
+        let numbers: Vec<String> = m.iter().map(f64::to_string).collect();
+        let _ = writeln!(moved, "{name} {}", numbers.join(" "));
+    }
+    let told = other_world(&folder.text("moved.txt", &moved)).expect("as before");
+    let number = |name: &str| told[name].as_f64().expect(name);
+    assert!((number("before") - 3.0).abs() < 0.05, "{told}");
+    assert!((number("scale") - 1.0).abs() < 0.02, "{told}");
+    assert!(number("after") < 0.02, "{told}");
+}
+
+#[test]
+fn eval_takes_the_features_that_the_scenes_run_left() {
+    let folder = Folder::new();
+    let (list, camera) = pose_list(&folder, 4);
+    folder.copy(&sample().join("sample.landline"), "room.landline");
+    let cache = folder.0.join("room.run/features");
+    std::fs::create_dir_all(&cache).expect("writable");
+    let path = |p: &Path| p.to_str().expect("UTF-8").to_owned();
+    let Some(output) = landline(&[
+        "eval",
+        &path(&folder.0.join("room.landline")),
+        &path(&list),
+        "--pictures",
+        &path(&sample()),
+        "--camera",
+        &camera,
+        "--pose-direction",
+        "cam-from-world",
+        "--train",
+        "0-2",
+        "--test",
+        "3",
+    ]) else {
+        return;
+    };
+    // The sample's pictures are too far apart to teach; their features were asked for before that.
+    let kept = std::fs::read_dir(&cache).expect("is there").count();
+    assert!(kept >= 3, "{kept} kept: {}", text(&output.stderr));
+}
+
 /// Descriptors do not see through turns: such a picture looks like another place, and it is told that it is none.
 #[test]
 fn a_turned_picture_is_called_so() {

@@ -7,6 +7,7 @@ mod evaluation;
 mod folder;
 mod imported;
 mod labels;
+mod mistakes;
 mod output;
 mod paper;
 mod place;

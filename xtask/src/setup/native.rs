@@ -59,11 +59,13 @@ fn built(profile: &str) -> PathBuf {
 
 fn build(tool: &Path, profile: &[&str]) -> Result<PathBuf> {
     rust::toolchain()?;
-    println!("native  cargo builds landline (without training)");
+    // Not quietly: the first time it takes many minutes, and what cargo prints is all that shows it going on.
+    println!(
+        "native  cargo builds landline (without training); the first time it compiles some 300 crates"
+    );
     let mut cargo = shell::cargo();
     cargo.args([
         "build",
-        "--quiet",
         "--package",
         "landline-mapper",
         "--no-default-features",

@@ -328,7 +328,10 @@ export interface FollowEvents {
     corrected: CustomEvent<FollowResult>;
     /** Every answer of the relocalizer. */
     answer: CustomEvent<FollowedAnswer>;
-    /** What went wrong; the same message once, not with every frame. Where nobody listens it goes to the console. */
+    /**
+     * What went wrong; the same message once, not with every frame. Where nobody listens it goes to the console, but for `disposed`:
+     * the relocalizer is gone, and the loop has ended.
+     */
     error: CustomEvent<unknown>;
 }
 export interface FollowOptions {
@@ -916,11 +919,13 @@ export {};
 
 // ---- placement.d.ts
 
-/** A camera's position in all the forms that are handed out: where a result's axes are flipped. */
 import type { Placement } from "./types.js";
-/** Inverse of a rigid transform, a row-major 4x4 matrix: of `cameraFromWorld` the `worldFromCamera`, and the other way round. */
+/**
+ * Inverse of a rigid transform, a row-major 4x4 matrix: of `cameraFromWorld` the `worldFromCamera`, and the other way round.
+ * @throws LandlineError `bad-input` for what is no 16 finite numbers.
+ */
 export declare function invertRigid(m: ArrayLike<number>): Float64Array;
-/** All forms of a placement from its row-major `cameraFromWorld`. */
+/** All forms of a placement from its row-major `cameraFromWorld`; throws as `invertRigid`. */
 export declare function placementFrom(cameraFromWorld: Float64Array): Placement;
 
 // ---- protocol.d.ts
@@ -1254,7 +1259,7 @@ export type NotLocatedReason =
  | "timeout"
 /** Hardly anything of what the scene should show is there from any position: another place, or a part that was not taught. */
  | "other-place"
-/** It fits only as seen in a mirror: a mirrored picture or camera. */
+/** It fits as seen in a mirror: a mirrored picture or camera. Surely told only with `explain`. */
  | "mirrored"
 /** It is located with another focal length than that of the intrinsics that came with it; only with `explain`. */
  | "focal-mismatch"
@@ -1379,7 +1384,10 @@ export interface ResultCommon {
         pointInliers: number;
         lineInliers: number;
         medianErrorPx: number;
-        /** 0..1; how far the number of inliers and their spread support the position. */
+        /**
+         * How probably the position is right, 0..1, as far as one frame tells. One that does not bear out its focal length, as before a
+         * flat wall, says 0.89 at most.
+         */
         confidence: number;
         /** 6x6 row-major: rotation (rad, camera axes) then translation (scene units). */
         covariance?: Float64Array;
@@ -1424,8 +1432,9 @@ export interface LocateOptions {
         sigmaRad?: number;
     };
     /**
-     * Find out why a picture is not located: with other intrinsics, and turned by quarters. Such a picture takes up to four times as
-     * long. By default for files (`Blob`) that are no frames of a moving camera.
+     * Find out why a picture is not located: with other intrinsics, in a mirror, and turned by quarters. Such a picture takes up to
+     * five times as long; one that is little sure is looked at in a mirror, and takes twice as long. By default for files (`Blob`) that
+     * are no frames of a moving camera.
      */
     explain?: boolean;
     /** Hand over `ImageBitmap`, `VideoFrame` or the buffer of raw pixels instead of copying: they are unusable afterwards. */
@@ -1442,7 +1451,7 @@ export interface LiveOptions {
     timeBudgetMs?: number;
     /** Same seed, same frame, same answer. */
     seed?: number;
-    /** Inlier thresholds in pixels of the working image. */
+    /** Inlier thresholds of the first pose, in pixels of the working image; a second look has its own, in a scene with landmarks. */
     maxPointErrorPx?: number;
     maxLineErrorPx?: number;
 }
@@ -1557,7 +1566,6 @@ declare global {
 
 // ---- view.d.ts
 
-/** From pixels of a frame to where they stand on the screen: cover, contain, mirrored, any canvas. */
 import type { Intrinsics, Placement } from "./types.js";
 /** How a frame fills its place; as CSS `object-fit`, centred. */
 export type Fit = "cover" | "contain" | "fill";

@@ -81,12 +81,7 @@ pub fn run(mut args: Args) -> Result<()> {
     }
     let folder = args.scene.run_folder(&args.out);
     let _held = RunLock::hold(&folder)?;
-    let extractor = args.teaching.extractor.read()?;
-    let options = FrontEndOptions::new(extractor.kind);
-    let own_cache = folder.join("features");
-    let cache = args.teaching.features.as_deref().unwrap_or(&own_cache);
-    let extraction = Extraction::new(extractor, options, Some(cache));
-    let data = &mut args.teaching.data;
+    let data = &args.teaching.data;
     let has_own_poses = !is_video(&data.data) && has_poses(data);
     if let Some(option) = args.posing.metres_option() {
         if has_own_poses {
@@ -101,18 +96,27 @@ pub fn run(mut args: Args) -> Result<()> {
             );
         }
     }
+    let model = folder.join("poses");
+    let mut before = None;
     if !has_own_poses {
-        std::fs::create_dir_all(&folder).with_context(|| format!("{}", folder.display()))?;
-        let model = folder.join("poses");
         if data.units == Some(Units::Metres) {
             bail!(
                 "--units metres is for data whose poses are in metres: pictures alone do not tell how long anything is; \
                  --scale-from (a distance that you measured) or --positions does"
             );
         }
-        let request = args.posing.request(&data.data, data.camera.as_ref())?;
+        std::fs::create_dir_all(&folder).with_context(|| format!("{}", folder.display()))?;
         // Another run's poses may be of other pictures.
-        let before = Aside::put(&model, &POSED_FILES)?;
+        before = Aside::put(&model, &POSED_FILES)?;
+    }
+    let extractor = args.teaching.extractor.read()?;
+    let options = FrontEndOptions::new(extractor.kind);
+    let own_cache = folder.join("features");
+    let cache = args.teaching.features.as_deref().unwrap_or(&own_cache);
+    let extraction = Extraction::new(extractor, options, Some(cache));
+    let data = &mut args.teaching.data;
+    if !has_own_poses {
+        let request = args.posing.request(&data.data, data.camera.as_ref())?;
         println!(
             "{} has no poses: they are found from the pictures",
             data.data.display()

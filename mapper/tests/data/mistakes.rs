@@ -146,4 +146,43 @@ fn places_to_write_to_are_looked_at_first() {
         "map . --out taken/room.landline",
         &["taken/room.run"],
     );
+    refused(
+        &folder,
+        "map . --out .",
+        &[". is a folder", "room.landline"],
+    );
+}
+
+#[test]
+fn what_a_map_would_replace_is_its_own() {
+    let folder = Folder::new();
+    for name in ["phone/a.jpg", "phone/b.jpg", "phone/c.jpg"] {
+        folder.picture(name, 64, 48);
+    }
+    folder.text("mine/poses/precious.txt", "somebody's");
+    let line = "map phone --out x.landline --run mine";
+    refused(&folder, line, &["precious.txt", "name another folder"]);
+    let kept = std::fs::read(folder.0.join("mine/poses/precious.txt"));
+    assert_eq!(kept.expect("is there"), b"somebody's");
+    // An earlier map's poses come back where nothing comes of this one.
+    folder.text("mine2/poses/images.txt", "the last run's");
+    refused(
+        &folder,
+        "map phone --out x.landline --run mine2",
+        &["no-extractor"],
+    );
+    let kept = std::fs::read(folder.0.join("mine2/poses/images.txt"));
+    assert_eq!(kept.expect("is there"), b"the last run's");
+}
+
+#[test]
+fn pictures_alone_do_not_tell_metres() {
+    let folder = Folder::new();
+    folder.picture("phone/a.jpg", 64, 48);
+    let line = "map phone --out x.landline --units metres";
+    refused(
+        &folder,
+        line,
+        &["--units metres", "--scale-from", "--positions"],
+    );
 }

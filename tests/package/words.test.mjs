@@ -48,3 +48,13 @@ test("types of web/ts carry the words of the conventions", async () => {
     assert.deepEqual([...new Set(carried)].filter((name) => !fits(name)).sort(), listed.sort(), `${word}: read what it means in docs/CONVENTIONS.md, then rename the type or add it to the table there`);
   }
 });
+
+test("every reason and every code stands in the package's page", async () => {
+  const read = (name) => readFile(join(root, name), "utf8");
+  const [types, errors, page] = await Promise.all(["web/ts/types.ts", "web/ts/errors.ts", "pkg-config/README.npm.md"].map(read));
+  const union = (text, name) => [...text.split(`export type ${name} =`)[1].split(";\n\n")[0].matchAll(/^ *\| "([a-z-]+)"/gm)].map(([, word]) => word);
+  const words = [...union(types, "NotLocatedReason"), ...union(errors, "LandlineErrorCode")];
+  assert.ok(words.includes("turned") && words.includes("aborted"), `read ${words}`);
+  const rows = page.split("\n").filter((line) => line.startsWith("| `"));
+  assert.deepEqual(words.filter((word) => !rows.some((row) => row.split("|")[1].includes(`\`${word}\``))), []);
+});

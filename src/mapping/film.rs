@@ -7,8 +7,8 @@ use super::tracks::{TrackError, TrackParams, TrackStats, check_poses, line_track
 use crate::geometry::{CamFromWorld, Camera, Units};
 use crate::math::stats::median_in_place;
 use crate::reconstruction::motion::{
-    CameraGroup, Component, LeftOut, MotionError, MotionParams, Picture, RefineParams, WeakLink,
-    match_pictures, reconstruct_motion,
+    CameraGroup, Component, Jump, LeftOut, MotionError, MotionParams, Picture, RefineParams,
+    WeakLink, match_pictures, reconstruct_motion,
 };
 use crate::reconstruction::{
     LineTrack, Observer, PointTrack, PosedView, Reconstruction, Stage, View, Watch,
@@ -125,6 +125,8 @@ pub struct FilmMap {
     pub num_components: usize,
     /// Where the poses hang together by few points, in keyframes; `None` where they were given.
     pub weak_link: Option<WeakLink>,
+    /// Where the camera jumps, in keyframes; `None` where poses were given.
+    pub jump: Option<Jump>,
     /// In space.
     pub points: Vec<PointTrack>,
     /// In space.
@@ -144,6 +146,7 @@ struct Posed {
     left_out: Vec<(usize, LeftOut)>,
     num_components: usize,
     weak_link: Option<WeakLink>,
+    jump: Option<Jump>,
     units: Units,
 }
 
@@ -171,6 +174,7 @@ pub async fn map_film(
             left_out: Vec::new(),
             num_components: 1,
             weak_link: None,
+            jump: None,
             units: Units::Metres,
         }
     } else if num_posed == 0 {
@@ -202,6 +206,7 @@ pub async fn map_film(
         left_out: posed.left_out,
         num_components: posed.num_components,
         weak_link: posed.weak_link,
+        jump: posed.jump,
         points,
         lines,
         stats,
@@ -234,6 +239,7 @@ async fn poses(
     let motion = reconstruct_motion(&pictures, groups, &matches, params, observer).await?;
     let num_components = motion.components.len();
     let weak_link = motion.components.first().and_then(Component::weak_link);
+    let jump = motion.components.first().and_then(Component::jump);
     let left_out = motion.without_pose();
     let largest = motion.components.into_iter().next();
     let largest = largest.filter(|c| c.num_registered() >= MIN_PICTURES);
@@ -249,6 +255,7 @@ async fn poses(
         left_out,
         num_components,
         weak_link,
+        jump,
         units: Units::Arbitrary,
     })
 }

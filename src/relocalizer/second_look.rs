@@ -35,8 +35,8 @@ const KNOWN_CAMERA_ASPECT: f64 = 0.03;
 /// A bent map brings a tenth or two more. With so much more found the given camera is wrong, and the picture may be stretched: wide
 /// ones that were drawn into a frame of the scene's shape lay 33 to 65 cm off in three rooms, in the median and surely.
 const OTHER_CAMERA_CERTAIN_GAIN: f64 = 1.5;
-/// By no more than this, though.
-const STRETCHED_ASPECT: f64 = 0.5;
+/// By no more than 16 : 9 and 4 : 3 differ, though.
+const STRETCHED_ASPECT: f64 = 0.36;
 const KNOWN_CAMERA_SIGMA: f64 = 0.01;
 /// Matches around wrong projections draw towards them: so many looks lead to the right camera.
 const OTHER_CAMERA_LOOKS: usize = 8;

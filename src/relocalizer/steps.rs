@@ -65,7 +65,7 @@ impl Answer {
             Outcome::Located(_) => {
                 let is_another = self.source == CameraSource::Estimated;
                 is_another && start.source == CameraSource::Scene
-                    || start.is_doubt() && !(is_of_part && is_fitting(&self.counts))
+                    || start.is_doubt() && (is_another || !is_of_part || !is_fitting(&self.counts))
             }
         }
     }

@@ -515,8 +515,11 @@ fn warnings(map: &FilmMap, num_keyframes: usize) -> Vec<String> {
             why.message()
         ));
     }
+    let name = |keyframe: usize| format!("picture {}", keyframe + 1);
+    if let Some(jump) = map.jump {
+        words.push(jump.message(&name(jump.before), &name(jump.after)));
+    }
     if let Some(link) = map.weak_link {
-        let name = |keyframe: usize| format!("picture {}", keyframe + 1);
         words.push(link.message(&name(link.before), &name(link.after)));
     }
     words

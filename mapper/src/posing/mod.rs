@@ -193,7 +193,8 @@ pub fn pose_pictures(
     for text in &unread {
         line(&mut summary, format_args!("not read         {text}"));
     }
-    describe(&motion, &names, &mut summary);
+    let doubts = doubts(&motion, &names, !request.is_unordered);
+    describe(&motion, &names, &doubts, &mut summary);
     if let (Some(metres), Some(largest)) = (&request.metres, motion.components.first_mut()) {
         let said = metres.apply(largest, &names)?;
         line(&mut summary, format_args!("{said}"));
@@ -221,6 +222,7 @@ pub fn pose_pictures(
             features: &features,
             unreadable: &unreadable,
             motion: &motion,
+            doubts: &doubts,
             unit: if request.metres.is_some() { "m" } else { "" },
         })?;
         files::write_bytes(&report, page.as_bytes())?;
@@ -293,7 +295,7 @@ fn check_camera(request: &PosingRequest, width: u32, height: u32) -> Result<(), 
 }
 
 /// What came out, a line each.
-fn describe(motion: &Motion, names: &[&str], out: &mut String) {
+fn describe(motion: &Motion, names: &[&str], doubts: &[String], out: &mut String) {
     let counts = &motion.num_pairs;
     line(
         out,
@@ -320,8 +322,8 @@ fn describe(motion: &Motion, names: &[&str], out: &mut String) {
             ),
         );
     }
-    if let Some(link) = weak_link(motion, names) {
-        line(out, format_args!("{link}"));
+    for doubt in doubts {
+        line(out, format_args!("{doubt}"));
     }
     if let [largest, rest @ ..] = motion.components.as_slice() {
         for camera in &largest.cameras {
@@ -383,10 +385,16 @@ fn describe(motion: &Motion, names: &[&str], out: &mut String) {
     }
 }
 
-/// The sentence about the place where the written model hangs together least, if that is little.
-fn weak_link(motion: &Motion, names: &[&str]) -> Option<String> {
-    let link = motion.components.first()?.weak_link()?;
-    Some(link.message(names[link.before], names[link.after]))
+/// Sentences about places of the written model that may be wrong: where it hangs together by little, and where a film's camera jumps.
+fn doubts(motion: &Motion, names: &[&str], is_film: bool) -> Vec<String> {
+    let Some(largest) = motion.components.first() else {
+        return Vec::new();
+    };
+    let link = largest.weak_link();
+    let link = link.map(|link| link.message(names[link.before], names[link.after]));
+    let jump = largest.jump().filter(|_| is_film);
+    let jump = jump.map(|jump| jump.message(names[jump.before], names[jump.after]));
+    link.into_iter().chain(jump).collect()
 }
 
 fn line(out: &mut String, text: std::fmt::Arguments<'_>) {

@@ -1,7 +1,6 @@
 //! The report of a reconstruction as a page of its own: where the camera was, what is there, what was left out and why.
 
 use super::plots::{self, Axes};
-use super::weak_link;
 use crate::html::{escaped, head, number};
 use landline::features::FeatureSet;
 use landline::reconstruction::motion::{Component, Motion};
@@ -21,6 +20,8 @@ pub(super) struct Subject<'a> {
     /// Name and reason.
     pub(super) unreadable: &'a [(String, String)],
     pub(super) motion: &'a Motion,
+    /// Sentences about what may be wrong with it.
+    pub(super) doubts: &'a [String],
     /// `m` where lengths are known.
     pub(super) unit: &'a str,
 }
@@ -216,8 +217,8 @@ fn pieces(out: &mut String, subject: &Subject<'_>) {
         "</table>\n<p>{} pairs of pictures had matches, {} of them one geometry: {} of them in depth, {} before one plane, {} only turned.</p>",
         counts.matched, counts.verified, counts.general, counts.planar, counts.turned
     );
-    if let Some(link) = weak_link(motion, subject.names) {
-        let _ = writeln!(out, "<p><b>{}</b></p>", escaped(&link));
+    for doubt in subject.doubts {
+        let _ = writeln!(out, "<p><b>{}</b></p>", escaped(doubt));
     }
     let loops = &motion.rejected_loops;
     if loops.is_empty() {

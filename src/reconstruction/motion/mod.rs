@@ -21,6 +21,7 @@ mod contradict;
 mod given;
 mod grow;
 mod join;
+mod jump;
 mod link;
 mod loops;
 mod refine;
@@ -31,6 +32,7 @@ mod verify;
 mod zoom;
 
 pub use candidates::{CandidateParams, candidate_pairs};
+pub use jump::Jump;
 pub use link::WeakLink;
 pub use loops::LoopParams;
 pub use refine::{Agreement, Disagreement, RefineParams, Refined, Refinement, disagreement};
@@ -212,6 +214,11 @@ impl Component {
         let posed = self.cam_from_world.iter().enumerate();
         let pictures: Vec<usize> = posed.filter_map(|(i, p)| p.map(|_| i)).collect();
         WeakLink::weakest(&self.points, &pictures)
+    }
+
+    /// Where a film's camera jumps, as another zoom makes it do.
+    pub fn jump(&self) -> Option<Jump> {
+        Jump::largest(&self.cam_from_world)
     }
 
     /// Takes poses and points to another world, whose unit of length may differ.

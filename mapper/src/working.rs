@@ -35,7 +35,7 @@ impl Shrink {
     /// The camera of the shrunk picture.
     pub fn camera(&self, camera: &Camera) -> Camera {
         let side = |side: u32| ((self.factor * f64::from(side)).round() as u32).max(1);
-        self.to_size(
+        self.sized(
             camera,
             self.factor,
             (side(camera.width), side(camera.height)),
@@ -44,10 +44,10 @@ impl Shrink {
 
     /// The camera of the picture from that of the shrunk one.
     pub fn camera_back(&self, camera: &Camera) -> Camera {
-        self.to_size(camera, self.sensor_px(), self.sensor)
+        self.sized(camera, self.sensor_px(), self.sensor)
     }
 
-    fn to_size(&self, camera: &Camera, factor: f64, (width, height): (u32, u32)) -> Camera {
+    fn sized(&self, camera: &Camera, factor: f64, (width, height): (u32, u32)) -> Camera {
         if !self.is_needed() {
             return *camera;
         }

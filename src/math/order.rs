@@ -95,7 +95,7 @@ mod tests {
             let mut items: Vec<(u32, String)> =
                 (0..num).map(|i| (rng.below(9), i.to_string())).collect();
             let mut expected = items.clone();
-            expected.sort_by(|a, b| b.0.cmp(&a.0));
+            expected.sort_by_key(|i| core::cmp::Reverse(i.0));
             let mut by_key = items.clone();
             sort_by(&mut items, |a, b| b.0.cmp(&a.0));
             assert_eq!(items, expected);

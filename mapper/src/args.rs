@@ -215,10 +215,13 @@ impl SceneArgs {
 
     /// The run folder that belongs to a scene file.
     pub fn run_folder(&self, out: &Path) -> PathBuf {
-        self.run
-            .clone()
-            .unwrap_or_else(|| out.with_extension("run"))
+        self.run.clone().unwrap_or_else(|| usual_run_folder(out))
     }
+}
+
+/// The run folder of a scene file, where nobody named another.
+pub fn usual_run_folder(scene: &Path) -> PathBuf {
+    scene.with_extension("run")
 }
 
 /// How pictures without poses are posed.

@@ -78,6 +78,11 @@ fn main() -> ExitCode {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The tool's arguments as a shell would hand them over.
+    fn parsed(line: &str) -> Result<Cli, clap::Error> {
+        Cli::try_parse_from(["landline"].into_iter().chain(line.split(' ')))
+    }
     use clap::CommandFactory as _;
 
     #[test]
@@ -93,8 +98,7 @@ mod tests {
             "paper 7scenes root",
             "paper indoor6 root",
         ] {
-            let words = ["landline"].into_iter().chain(line.split(' '));
-            if let Err(error) = Cli::try_parse_from(words) {
+            if let Err(error) = parsed(line) {
                 panic!("{line}: {error}");
             }
         }
@@ -112,10 +116,7 @@ mod tests {
                 "[possible values: 7scenes, indoor6]",
             ),
         ] {
-            let words = ["landline"].into_iter().chain(line.split(' '));
-            let error = Cli::try_parse_from(words)
-                .expect_err("no such word")
-                .to_string();
+            let error = parsed(line).expect_err("no such word").to_string();
             assert!(error.contains(said), "{line}: {error}");
         }
     }
@@ -130,8 +131,7 @@ mod tests {
             "map room --out x --set a=1",
             "paper 7scenes root --preset paper",
         ] {
-            let words = ["landline"].into_iter().chain(line.split(' '));
-            let error = Cli::try_parse_from(words).expect_err("no training");
+            let error = parsed(line).expect_err("no training");
             assert!(
                 error.to_string().contains("made without training"),
                 "{line}: {error}"
@@ -141,8 +141,7 @@ mod tests {
             "map room --out x --training never",
             "train labels --out x --steps 5",
         ] {
-            let words = ["landline"].into_iter().chain(line.split(' '));
-            assert!(Cli::try_parse_from(words).is_ok(), "{line}");
+            assert!(parsed(line).is_ok(), "{line}");
         }
     }
 
@@ -153,10 +152,7 @@ mod tests {
             "poses a.jpg b.jpg --out x",
             "data a b",
         ] {
-            let words = ["landline"].into_iter().chain(line.split(' '));
-            let error = Cli::try_parse_from(words)
-                .expect_err("too many")
-                .to_string();
+            let error = parsed(line).expect_err("too many").to_string();
             assert!(error.contains("give the folder"), "{line}: {error}");
         }
     }

@@ -4,21 +4,25 @@
 use crate::dataset::Dataset;
 use landline::features::FeatureSet;
 use landline::geometry::{Camera, PixelMap};
+use landline::image::working_size;
 
 /// From a picture to itself with the longest side at most so long, or back.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shrink {
     factor: f64,
+    working: (u32, u32),
     sensor: (u32, u32),
 }
 
 impl Shrink {
     /// Of the pictures of a camera.
     pub fn of(camera: &Camera, max_side: usize) -> Self {
-        let longest = camera.width.max(camera.height).max(1);
+        let (width, height) = (camera.width, camera.height);
+        let working = working_size(width as usize, height as usize, max_side);
         Self {
-            factor: (max_side as f64 / f64::from(longest)).min(1.0),
-            sensor: (camera.width, camera.height),
+            factor: (max_side as f64 / f64::from(width.max(height).max(1))).min(1.0),
+            working: (working.0 as u32, working.1 as u32),
+            sensor: (width, height),
         }
     }
 
@@ -34,12 +38,7 @@ impl Shrink {
 
     /// The camera of the shrunk picture.
     pub fn camera(&self, camera: &Camera) -> Camera {
-        let side = |side: u32| ((self.factor * f64::from(side)).round() as u32).max(1);
-        self.sized(
-            camera,
-            self.factor,
-            (side(camera.width), side(camera.height)),
-        )
+        self.sized(camera, self.factor, self.working)
     }
 
     /// The camera of the picture from that of the shrunk one.

@@ -336,19 +336,13 @@ impl Relocalizer {
         counts.num_point_correspondences = self.points.len();
         counts.num_line_correspondences = self.lines.len();
         let (mut solved_camera, mut source, mut sigma_ln) = (start.camera, start.source, None);
-        let outcome = match accept(&solved, &counts, found_again.as_ref()) {
+        let mut outcome = match accept(&solved, &counts, found_again.as_ref()) {
             Ok(estimate) => {
                 (solved_camera, source, sigma_ln) =
                     start.solved(&camera, &self.working_from_sensor, &estimate);
                 let focal_sigma_ln = self.told_focal(&estimate);
                 let found = found_again.as_ref();
-                let localization = self.localization(estimate, found, source, focal_sigma_ln);
-                let agreeing = count(&self.is_point_inlier) + count(&self.is_line_inlier);
-                let share = agreeing as f64 / (self.points.len() + self.lines.len()).max(1) as f64;
-                Outcome::Located(Localization {
-                    confidence: fitting(localization.confidence, share),
-                    ..localization
-                })
+                Outcome::Located(self.localization(estimate, found, source, focal_sigma_ln))
             }
             Err(reason) => {
                 mark(&[], self.points.len(), &mut self.is_point_inlier);
@@ -358,6 +352,9 @@ impl Relocalizer {
         };
         counts.num_point_inliers = count(&self.is_point_inlier);
         counts.num_line_inliers = count(&self.is_line_inlier);
+        if let Outcome::Located(found) = &mut outcome {
+            found.confidence = fitting(found.confidence, counts.agreeing_share());
+        }
         timings.solve_ms += stopwatch.lap();
         Ok(Answer {
             outcome,

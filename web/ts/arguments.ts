@@ -94,7 +94,8 @@ export function shown(value: unknown): string {
   if (typeof value === "number" || typeof value === "undefined" || typeof value === "symbol") return String(value);
   let text: string | undefined;
   try {
-    text = JSON.stringify(value);
+    // A picture's pixels would be megabytes of digits.
+    text = JSON.stringify(value, (_, part: unknown) => (ArrayBuffer.isView(part) ? part.constructor.name : part));
   } catch {
     text = undefined; // circles
   }

@@ -1,6 +1,6 @@
 //! `landline eval`: accuracy of a scene on pictures with known poses.
 
-use crate::args::{KernelArgs, TeachingArgs, device};
+use crate::args::{KernelArgs, TeachingArgs, device, usual_run_folder};
 use crate::dataset::{Dataset, DatasetImage, Split, open};
 use crate::device;
 use crate::eval::{
@@ -204,7 +204,7 @@ impl Args {
     fn cache(&self) -> Option<PathBuf> {
         let given = self.teaching.features.clone();
         given.or_else(|| {
-            let of_run = self.scene.with_extension("run").join("features");
+            let of_run = usual_run_folder(&self.scene).join("features");
             of_run.is_dir().then_some(of_run)
         })
     }

@@ -3,7 +3,7 @@
 use super::ImageResult;
 use crate::metres::{MAX_OFF, extent, robust_fit};
 use crate::units::Ruler;
-use landline::geometry::CamFromWorld;
+use landline::geometry::{CamFromWorld, vector_from_rotation};
 use landline::math::stats::median_in_place;
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
@@ -67,7 +67,7 @@ impl OtherWorld {
             before > limit && after <= limit && after <= MAX_LEFT * before && spread_deg <= MAX_DEG;
         is_other.then(|| Self {
             scale: data_from_scene.scale,
-            turn_deg: angle_deg(&turn, &Matrix3::identity()),
+            turn_deg: angle_deg(&turn),
             before,
             after,
         })
@@ -91,16 +91,18 @@ impl OtherWorld {
 fn agreed(turns: &[Matrix3<f64>]) -> Option<(Matrix3<f64>, f64)> {
     let step = turns.len().div_ceil(MAX_CANDIDATES).max(1);
     let spread = |turn: &Matrix3<f64>| {
-        let mut angles: Vec<f64> = turns.iter().map(|other| angle_deg(turn, other)).collect();
+        let mut angles: Vec<f64> = turns
+            .iter()
+            .map(|other| angle_deg(&(turn.transpose() * other)))
+            .collect();
         Some((*turn, median_in_place(&mut angles)?))
     };
     let all = turns.iter().step_by(step).filter_map(spread);
     all.min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-fn angle_deg(a: &Matrix3<f64>, b: &Matrix3<f64>) -> f64 {
-    let cos = 0.5 * ((a.transpose() * b).trace() - 1.0);
-    cos.clamp(-1.0, 1.0).acos().to_degrees()
+fn angle_deg(turn: &Matrix3<f64>) -> f64 {
+    vector_from_rotation(turn).norm().to_degrees()
 }
 
 #[cfg(test)]

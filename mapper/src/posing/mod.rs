@@ -144,7 +144,6 @@ pub fn pose_pictures(
     for (features, shrink) in features.iter_mut().zip(&shrinks) {
         shrink.features(features);
     }
-    let first_of = |camera_of: &[usize], group: usize| camera_of.iter().position(|g| *g == group);
     for (i, group) in groups.iter_mut().enumerate() {
         if let Some(first) = first_of(&group_of, i) {
             group.camera = shrinks[first].camera(&group.camera);
@@ -170,25 +169,7 @@ pub fn pose_pictures(
     for (features, shrink) in features.iter_mut().zip(&shrinks) {
         shrink.features_back(features);
     }
-    for component in &mut motion.components {
-        for (i, camera) in component.cameras.iter_mut().enumerate() {
-            if let Some(first) = first_of(&motion.camera_of, i) {
-                *camera = shrinks[first].camera_back(camera);
-            }
-        }
-        for point in &mut component.points {
-            let first = point.observations.first().map_or(0, |o| o.view as usize);
-            point.mean_error_px *= shrinks[first].sensor_px() as f32;
-        }
-        let registered = component.cam_from_world.iter().position(Option::is_some);
-        component.rms_px *= registered.map_or(1.0, |first| shrinks[first].sensor_px());
-    }
-    for (i, votes) in motion.focal_votes_px.iter_mut().enumerate() {
-        if let Some(first) = first_of(&group_of, i) {
-            let factor = shrinks[first].sensor_px();
-            votes.iter_mut().for_each(|px| *px *= factor);
-        }
-    }
+    into_sensor_pixels(&mut motion, &shrinks, &group_of);
     let mut summary = String::new();
     for text in &unread {
         line(&mut summary, format_args!("not read         {text}"));
@@ -232,6 +213,34 @@ pub fn pose_pictures(
         summary,
         report,
     })
+}
+
+/// Takes what was found in shrunk pictures into pixels of these as they are; `group_of` is the group of each that was asked for.
+fn into_sensor_pixels(motion: &mut Motion, shrinks: &[Shrink], group_of: &[usize]) {
+    for component in &mut motion.components {
+        for (i, camera) in component.cameras.iter_mut().enumerate() {
+            if let Some(first) = first_of(&motion.camera_of, i) {
+                *camera = shrinks[first].camera_back(camera);
+            }
+        }
+        for point in &mut component.points {
+            let first = point.observations.first().map_or(0, |o| o.view as usize);
+            point.mean_error_px *= shrinks[first].sensor_px() as f32;
+        }
+        let registered = component.cam_from_world.iter().position(Option::is_some);
+        component.rms_px *= registered.map_or(1.0, |first| shrinks[first].sensor_px());
+    }
+    for (i, votes) in motion.focal_votes_px.iter_mut().enumerate() {
+        if let Some(first) = first_of(group_of, i) {
+            let factor = shrinks[first].sensor_px();
+            votes.iter_mut().for_each(|px| *px *= factor);
+        }
+    }
+}
+
+/// The first picture of a camera group.
+fn first_of(group_of: &[usize], group: usize) -> Option<usize> {
+    group_of.iter().position(|g| *g == group)
 }
 
 /// The folder of pictures; of a video, its frames, which are used again when they are there.

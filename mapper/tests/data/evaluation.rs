@@ -29,6 +29,24 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
+/// `landline eval` of a scene on pictures of the sample, with their poses in a list.
+fn eval(scene: &Path, list: &Path, camera: &str, more: &[&str]) -> Option<Output> {
+    let path = |p: &Path| p.to_str().expect("UTF-8").to_owned();
+    let (scene, list, pictures) = (path(scene), path(list), path(&sample()));
+    let words = [
+        "eval",
+        &scene,
+        &list,
+        "--pictures",
+        &pictures,
+        "--camera",
+        camera,
+        "--pose-direction",
+        "cam-from-world",
+    ];
+    landline(&[&words, more].concat())
+}
+
 /// The first pictures of the sample as a pose list, and its camera in COLMAP's words.
 fn pose_list(folder: &Folder, num: usize) -> (PathBuf, String) {
     let json = std::fs::read(sample().join("sample.json")).expect("is in the repository");
@@ -64,17 +82,8 @@ fn eval_writes_a_report_that_agrees_with_its_json() {
     let (list, camera) = pose_list(&folder, 3);
     let report = folder.0.join("report");
     let scene = sample().join("sample.landline");
-    let path = |p: &Path| p.to_str().expect("UTF-8").to_owned();
-    let Some(output) = landline(&[
-        "eval",
-        &path(&scene),
-        &path(&list),
-        "--pictures",
-        &path(&sample()),
-        "--camera",
-        &camera,
-        "--pose-direction",
-        "cam-from-world",
+    let report_path = report.to_str().expect("UTF-8");
+    let more = [
         "--test",
         "0-",
         "--seeds",
@@ -82,8 +91,9 @@ fn eval_writes_a_report_that_agrees_with_its_json() {
         "--no-baseline",
         "--json",
         "--report",
-        &path(&report),
-    ]) else {
+        report_path,
+    ];
+    let Some(output) = eval(&scene, &list, &camera, &more) else {
         return;
     };
     assert!(output.status.success(), "{}", text(&output.stderr));
@@ -122,21 +132,6 @@ fn eval_says_what_is_missing() {
     let folder = Folder::new();
     let (list, camera) = pose_list(&folder, 2);
     let scene = sample().join("sample.landline");
-    let path = |p: &Path| p.to_str().expect("UTF-8").to_owned();
-    let words = |more: &[&str]| -> Vec<String> {
-        let start = [
-            "eval",
-            &path(&scene),
-            &path(&list),
-            "--pictures",
-            &path(&sample()),
-            "--camera",
-            &camera,
-            "--pose-direction",
-            "cam-from-world",
-        ];
-        start.iter().chain(more).map(|s| (*s).to_owned()).collect()
-    };
     for (more, expected) in [
         (&[][..], "no test pictures; choose some with --test"),
         (
@@ -148,9 +143,7 @@ fn eval_says_what_is_missing() {
             "--test selects none of the 2 pictures",
         ),
     ] {
-        let words = words(more);
-        let words: Vec<&str> = words.iter().map(String::as_str).collect();
-        let Some(output) = landline(&words) else {
+        let Some(output) = eval(&scene, &list, &camera, more) else {
             return;
         };
         let message = text(&output.stderr);
@@ -248,24 +241,9 @@ fn eval_tells_another_world_from_wrong_answers() {
     let folder = Folder::new();
     let (list, camera) = pose_list(&folder, 8);
     let scene = sample().join("sample.landline");
-    let pictures = sample();
-    let path = |p: &Path| p.to_str().expect("UTF-8").to_owned();
     let other_world = |list: &Path| {
-        let output = landline(&[
-            "eval",
-            &path(&scene),
-            &path(list),
-            "--pictures",
-            &path(&pictures),
-            "--camera",
-            &camera,
-            "--pose-direction",
-            "cam-from-world",
-            "--test",
-            "0-7",
-            "--no-baseline",
-            "--json",
-        ])?;
+        let more = ["--test", "0-7", "--no-baseline", "--json"];
+        let output = eval(&scene, list, &camera, &more)?;
         let said = text(&output.stdout);
         let found: Value = serde_json::from_str(&said).expect("JSON");
         Some(found["other_world"].clone())
@@ -302,22 +280,9 @@ fn eval_takes_the_features_that_the_scenes_run_left() {
     folder.copy(&sample().join("sample.landline"), "room.landline");
     let cache = folder.0.join("room.run/features");
     std::fs::create_dir_all(&cache).expect("writable");
-    let path = |p: &Path| p.to_str().expect("UTF-8").to_owned();
-    let Some(output) = landline(&[
-        "eval",
-        &path(&folder.0.join("room.landline")),
-        &path(&list),
-        "--pictures",
-        &path(&sample()),
-        "--camera",
-        &camera,
-        "--pose-direction",
-        "cam-from-world",
-        "--train",
-        "0-2",
-        "--test",
-        "3",
-    ]) else {
+    let scene = folder.0.join("room.landline");
+    let more = ["--train", "0-2", "--test", "3"];
+    let Some(output) = eval(&scene, &list, &camera, &more) else {
         return;
     };
     // The sample's pictures are too far apart to teach; their features were asked for before that.

@@ -1,7 +1,7 @@
 //! Where the camera's way jumps.
 
 use crate::geometry::CamFromWorld;
-use crate::math::stats::median_in_place;
+use crate::math::stats::{median_in_place, quantile_in_place};
 
 /// A step is judged by so many before and behind it.
 const AROUND: usize = 5;
@@ -34,10 +34,12 @@ impl Jump {
             .windows(2)
             .map(|pair| (pair[1].1 - pair[0].1).norm() / (pair[1].0 - pair[0].0) as f64)
             .collect();
-        let mut sorted = steps.clone();
-        sorted.sort_unstable_by(f64::total_cmp);
-        let usual = *sorted.get(sorted.len() / 2)?;
-        if !(sorted[sorted.len() * 4 / 5] <= REGULAR * usual) {
+        let mut all = steps.clone();
+        let (usual, long) = (
+            median_in_place(&mut all)?,
+            quantile_in_place(&mut all, 0.8)?,
+        );
+        if !(long <= REGULAR * usual) {
             return None;
         }
         // At either end there is nothing to judge by.

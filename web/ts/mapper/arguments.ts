@@ -12,6 +12,7 @@ const end = (value: unknown): boolean => {
   const v = value as { keyframe?: unknown; x?: unknown; y?: unknown } | null;
   return typeof v === "object" && v !== null && Number.isInteger(v.keyframe) && (v.keyframe as number) >= 0 && isNumber(v.x) === undefined && isNumber(v.y) === undefined;
 };
+/** The distance is checked again where it is used: DISTANCES_M of src/mapping/recorder.rs. */
 const scale: Check = (value) => {
   const v = value as { from?: unknown; to?: unknown; metres?: unknown } | null;
   const isRight = typeof v === "object" && v !== null && end(v.from) && end(v.to) && typeof v.metres === "number" && v.metres >= 1e-3 && v.metres <= 1e5;

@@ -61,7 +61,7 @@ fn build(tool: &Path, profile: &[&str]) -> Result<PathBuf> {
     rust::toolchain()?;
     // Not quietly: the first time it takes many minutes, and what cargo prints is all that shows it going on.
     println!(
-        "native  cargo builds landline (without training); the first time it compiles some 300 crates"
+        "native  cargo builds landline (without training); the first time that takes many minutes"
     );
     let mut cargo = shell::cargo();
     cargo.args([

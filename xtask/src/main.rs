@@ -8,6 +8,7 @@ mod files;
 mod metadata;
 mod paths;
 mod pins;
+mod reproduce;
 mod rooms;
 mod sbom;
 mod serve;
@@ -39,6 +40,7 @@ enum Command {
     Bench(bench::Args),
     Ci(ci::Args),
     Demo(demo::Args),
+    Reproduce(reproduce::Args),
     Rooms(rooms::Args),
     Sample(demo::SampleArgs),
     Sbom(sbom::Args),
@@ -58,6 +60,7 @@ fn run(command: Command) -> Result<()> {
         Command::Bench(args) => bench::run(&args),
         Command::Ci(args) => ci::run(&args),
         Command::Demo(args) => demo::run(&args),
+        Command::Reproduce(args) => reproduce::run(&args),
         Command::Rooms(args) => rooms::run(&args),
         Command::Sample(args) => demo::sample(&args),
         Command::Sbom(args) => sbom::run(&args),

@@ -24,11 +24,17 @@ pub(crate) struct Args {
     /// Build detector and solver alone instead, with the same flags, for `benches/*_node.mjs`.
     #[arg(long)]
     bench: bool,
+    /// Build the binaries and their scripts alone, as they go into the package.
+    #[arg(long, conflicts_with = "bench")]
+    binaries: bool,
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     if args.bench {
         return bench();
+    }
+    if args.binaries {
+        return binaries().map(drop);
     }
     build()?;
     size::run(&size::Args {})
@@ -40,8 +46,20 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 ///
 /// When a tool is missing or a stage fails.
 pub(crate) fn build() -> Result<()> {
-    let tools = setup::web_tools()?;
     let weights = setup::weights()?;
+    let config = binaries()?;
+    let scripts = package::compile_scripts()?;
+    package::assemble(&config, &scripts, &weights)?;
+    let tarball = package::pack()?;
+    site::stage()?;
+    println!("web     package: {}", tarball.display());
+    println!("web     demo page: {}", paths::site().display());
+    Ok(())
+}
+
+/// Builds the binaries with their scripts into `paths::bindgen()`, each checked; returns what they were built of.
+fn binaries() -> Result<BuildConfig> {
+    let tools = setup::web_tools()?;
     let config: BuildConfig = crate::pins::json("pkg-config/build.json")?;
     std::thread::scope(|scope| -> Result<()> {
         let mut finishing = Vec::new();
@@ -63,13 +81,31 @@ pub(crate) fn build() -> Result<()> {
     for build in &config.builds {
         same_glue(build)?;
     }
-    let scripts = package::compile_scripts()?;
-    package::assemble(&config, &scripts, &weights)?;
-    let tarball = package::pack()?;
-    site::stage()?;
-    println!("web     package: {}", tarball.display());
-    println!("web     demo page: {}", paths::site().display());
-    Ok(())
+    Ok(config)
+}
+
+/// Builds the binaries; returns them and their scripts, as paths below `paths::bindgen()`.
+///
+/// # Errors
+///
+/// When a tool is missing or a stage fails.
+pub(crate) fn built_binaries() -> Result<Vec<String>> {
+    let mut names = Vec::new();
+    for build in &binaries()?.builds {
+        let dir = folder(build);
+        let dir = dir.strip_prefix(paths::bindgen())?.to_string_lossy();
+        for file in [
+            format!("{}_bg.wasm", build.glue()),
+            format!("{}.js", build.glue()),
+        ] {
+            names.push(if dir.is_empty() {
+                file
+            } else {
+                format!("{dir}/{file}")
+            });
+        }
+    }
+    Ok(names)
 }
 
 /// Builds the binary of the benches, which ships nowhere.

@@ -12,7 +12,7 @@ pub struct Aside {
 }
 
 impl Aside {
-    /// Puts a folder aside if it is there. It may hold nothing but files of the names in `known`: whatever else lies there is
+    /// Puts a folder aside if it is there, or takes over what a run that was killed had put aside. It may hold nothing but files of the names in `known`: whatever else lies there is
     /// somebody's, and not for us to move.
     ///
     /// # Errors
@@ -25,14 +25,14 @@ impl Aside {
             only_known(place, known)?;
         }
         let named = |e: io::Error| io::Error::new(e.kind(), format!("{}: {e}", folder.display()));
-        if !folder.exists() {
-            return Ok(None);
+        match (folder.exists(), kept.exists()) {
+            (false, false) => return Ok(None),
+            (true, false) => fs::rename(folder, &kept).map_err(named)?,
+            // A run was killed before it had anything to put in the place.
+            (false, true) => {}
+            // Or while it wrote: what it kept is whole, what it wrote may not be.
+            (true, true) => fs::remove_dir_all(folder).map_err(named)?,
         }
-        if kept.exists() {
-            // Of a run that was killed; what it was kept for stands in its place again.
-            fs::remove_dir_all(&kept).map_err(named)?;
-        }
-        fs::rename(folder, &kept).map_err(named)?;
         Ok(Some(Self {
             folder: folder.to_owned(),
             kept,
@@ -80,6 +80,35 @@ fn only_known(folder: &Path, known: &[&str]) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_a_killed_run_had_put_aside_comes_back_with_the_next_one() -> io::Result<()> {
+        let root = std::env::temp_dir().join(format!("landline-killed-{}", std::process::id()));
+        let folder = root.join("poses");
+        let write = |text: &[u8]| {
+            fs::create_dir_all(&folder)?;
+            fs::write(folder.join("a.txt"), text)
+        };
+        let read = || fs::read(folder.join("a.txt"));
+        write(b"first")?;
+        // Nothing of a process that is killed is dropped.
+        let killed = |half: Option<&[u8]>| {
+            std::mem::forget(Aside::put(&folder, &["a.txt"])?);
+            half.map_or(Ok(()), write)
+        };
+        for half in [None, Some(b"half".as_slice())] {
+            killed(half)?;
+            drop(Aside::put(&folder, &["a.txt"])?);
+            assert_eq!(read()?, b"first", "{half:?}: the next run failed");
+        }
+        killed(None)?;
+        let aside = Aside::put(&folder, &["a.txt"])?;
+        write(b"second")?;
+        drop(aside);
+        assert_eq!(read()?, b"second", "the next run did not fail");
+        assert_eq!(crate::files::entries(&root)?.len(), 1, "nothing is left");
+        fs::remove_dir_all(&root)
+    }
 
     #[test]
     fn what_is_not_ours_stays_and_what_is_ours_comes_back() -> io::Result<()> {

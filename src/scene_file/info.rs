@@ -92,6 +92,9 @@ pub struct TrainingSummary {
 /// A scene knows so many cameras besides its first.
 pub const MAX_OTHER_CAMERAS: usize = 7;
 
+/// World units that one unit of the network may be: a room in kilometres is some thousandths, a valley in millimetres ten millions.
+const SCALES: std::ops::RangeInclusive<f64> = 1e-6..=1e9;
+
 /// Metadata of a scene file, besides the network's configuration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SceneInfo {
@@ -223,11 +226,12 @@ impl SceneInfo {
             })?;
         let centre = vector(file, "scene_centre")?;
         let scale = number(file, "scene_scale")?;
-        if scale <= 0.0 {
+        if !SCALES.contains(&scale) {
+            let (least, most) = (SCALES.start(), SCALES.end());
             return Err(SceneFileError::value(
                 "scene_scale",
                 &scale.to_string(),
-                "must be positive",
+                format!("must be {least:e} to {most:e}"),
             ));
         }
         let units = parse(file, "units", |t| {
@@ -262,7 +266,7 @@ impl SceneInfo {
             None => None,
             Some(_) => Some(parse(file, "camera", |t| {
                 let record: CameraRecord = serde_json::from_str(t).map_err(|e| e.to_string())?;
-                record.to_camera().map_err(|e| e.to_string())
+                camera_from_record(&record)
             })?),
         };
         let other_cameras = match file.metadata().get("other_cameras") {
@@ -273,8 +277,7 @@ impl SceneInfo {
                 if records.len() > MAX_OTHER_CAMERAS {
                     return Err(format!("must be at most {MAX_OTHER_CAMERAS}"));
                 }
-                let cameras = records.iter().map(CameraRecord::to_camera);
-                cameras.collect::<Result<_, _>>().map_err(|e| e.to_string())
+                records.iter().map(camera_from_record).collect()
             })?,
         };
         let training = match file.metadata().get("training") {
@@ -283,6 +286,9 @@ impl SceneInfo {
                 let summary: TrainingSummary =
                     serde_json::from_str(t).map_err(|e| e.to_string())?;
                 summary.held_out.map_or(Ok(()), |h| h.check())?;
+                if !(0.0..=1e12).contains(&summary.seconds) {
+                    return Err("seconds must be 0 to 1e12".to_owned());
+                }
                 Ok(summary)
             })?),
         };
@@ -326,6 +332,12 @@ pub(super) fn check_sha256(key: &'static str, text: &str) -> Result<(), SceneFil
             "expected 64 lower-case hexadecimal digits",
         ))
     }
+}
+
+fn camera_from_record(record: &CameraRecord) -> Result<Camera, String> {
+    let camera = record.to_camera().map_err(|e| e.to_string())?;
+    camera.check_plausible().map_err(|e| e.to_string())?;
+    Ok(camera)
 }
 
 /// JSON text, straight from the value so that an f32 keeps its short form.

@@ -33,7 +33,10 @@ pub(super) fn finish(dataset: &mut Dataset, args: &DataArgs) -> Result<(), Datas
                     .get(&image.name)
                     .map(|camera| (*camera, image.cam_from_world));
                 let fitted = fit_to_picture(&mut image.camera, &mut image.cam_from_world, &size)
-                    .and_then(|fit| plausible(&image.camera).map(|()| fit));
+                    .and_then(|fit| {
+                        let told = image.camera.check_plausible();
+                        told.map(|()| fit).map_err(|e| e.to_string())
+                    });
                 match fitted {
                     Ok(fit) => {
                         dataset.note_once(fit.note());
@@ -85,22 +88,6 @@ pub(super) fn finish(dataset: &mut Dataset, args: &DataArgs) -> Result<(), Datas
         return split::apply_list(list, dataset);
     }
     split::apply(dataset, args.train.as_ref(), args.test.as_ref())
-}
-
-/// Focal lengths of cameras, by the larger side of their pictures: beyond, a number is not one, and scaling can make zero of it.
-const FOCALS: std::ops::RangeInclusive<f64> = 1e-3..=1e4;
-
-/// Refuses a focal length that no camera has.
-fn plausible(camera: &Camera) -> Result<(), String> {
-    let (fx, fy) = camera.focal_px();
-    let side = f64::from(camera.width.max(camera.height));
-    if FOCALS.contains(&(fx / side)) && FOCALS.contains(&(fy / side)) {
-        return Ok(());
-    }
-    let (width, height) = (camera.width, camera.height);
-    Err(format!(
-        "focal lengths of {fx} and {fy} px are of no camera with pictures of {width}x{height}"
-    ))
 }
 
 /// What became of a data set without a usable picture: counts of the reasons with a name each, and the remarks.

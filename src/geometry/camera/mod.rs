@@ -14,6 +14,7 @@ pub use record::CameraRecord;
 
 use super::pixel::{Pixel, PixelMap};
 use nalgebra::{Matrix3, Vector2, Vector3};
+use std::ops::RangeInclusive;
 
 /// What is wrong with a camera.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -31,6 +32,18 @@ pub enum CameraError {
         model: &'static str,
         index: usize,
         value: f64,
+    },
+    /// Numbers that no camera has, however its pictures were scaled or cut.
+    #[error(
+        "focal lengths of {fx} and {fy} px with the principal point at ({cx}, {cy}) are of no camera with pictures of {width}x{height}"
+    )]
+    Implausible {
+        fx: f64,
+        fy: f64,
+        cx: f64,
+        cy: f64,
+        width: u32,
+        height: u32,
     },
     /// A model name that is not one of the supported ones.
     #[error(
@@ -56,6 +69,11 @@ pub struct Camera {
     /// Projection model and its parameters.
     pub model: CameraModel,
 }
+
+/// Focal lengths of cameras, by the larger side of their pictures: beyond, a number is not one, and scaling can make zero of it.
+const FOCALS: RangeInclusive<f64> = 1e-3..=1e4;
+/// A principal point lies at most so many larger sides from the corner: pictures that are cut out may have it outside.
+const MAX_PRINCIPAL: f64 = 1e4;
 
 impl Camera {
     /// Pinhole with one focal length and the principal point in the middle of the image.
@@ -95,6 +113,30 @@ impl Camera {
             }),
             None => Ok(()),
         }
+    }
+
+    /// Refuses cameras from outside whose numbers are positive and finite and still of no camera.
+    ///
+    /// # Errors
+    /// [`CameraError::Implausible`].
+    pub fn check_plausible(&self) -> Result<(), CameraError> {
+        let (fx, fy) = self.focal_px();
+        let Pixel { x: cx, y: cy } = self.principal_point();
+        let (width, height) = (self.width, self.height);
+        let side = f64::from(width.max(height));
+        let is_focal = |f: f64| FOCALS.contains(&(f / side));
+        let is_near = |c: f64| c.abs() <= MAX_PRINCIPAL * side;
+        if is_focal(fx) && is_focal(fy) && is_near(cx) && is_near(cy) {
+            return Ok(());
+        }
+        Err(CameraError::Implausible {
+            fx,
+            fy,
+            cx,
+            cy,
+            width,
+            height,
+        })
     }
 
     /// Focal lengths along x and y in pixels.

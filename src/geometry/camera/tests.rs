@@ -274,3 +274,34 @@ fn a_camera_serves_resized_pictures_and_no_others() {
         }
     }
 }
+
+#[test]
+fn numbers_of_no_camera_are_refused_and_any_crop_is_not() {
+    let with = |params: [f64; 4]| {
+        let model = CameraModel::from_colmap("PINHOLE", &params).expect("four numbers");
+        let camera = Camera {
+            width: 640,
+            height: 480,
+            model,
+        };
+        camera.check_plausible()
+    };
+    for camera in models() {
+        assert_eq!(camera.check_plausible(), Ok(()), "{}", camera.model.name());
+    }
+    // A telescope, and a part far from the middle of a large panorama.
+    assert_eq!(with([60_000.0, 60_000.0, 320.0, 240.0]), Ok(()));
+    assert_eq!(with([525.0, 525.0, -40_000.0, 240.0]), Ok(()));
+    for params in [
+        [1e300, 525.0, 320.0, 240.0],
+        [525.0, 1e-300, 320.0, 240.0],
+        [525.0, 525.0, -1e300, 240.0],
+        [525.0, 525.0, 320.0, f64::NAN],
+    ] {
+        let told = with(params);
+        assert!(
+            matches!(told, Err(CameraError::Implausible { .. })),
+            "{params:?}: {told:?}"
+        );
+    }
+}

@@ -265,6 +265,8 @@ fn wrong_kinds_versions_and_values_have_their_own_errors() {
         ("scene_scale", "NaN"),
         ("scene_scale", "1e300"),
         ("scene_scale", "-1"),
+        ("scene_scale", "5e-324"),
+        ("scene_scale", "1e12"),
         ("scene_centre", "[1,2]"),
         ("scene_centre", "[1,2,1e300]"),
         ("gravity", "[0,0,2]"),
@@ -275,6 +277,22 @@ fn wrong_kinds_versions_and_values_have_their_own_errors() {
         (
             "camera",
             "{\"model\":\"PINHOLE\",\"width\":0,\"height\":0,\"params\":[1,1,1,1]}",
+        ),
+        (
+            "camera",
+            "{\"model\":\"SIMPLE_PINHOLE\",\"width\":640,\"height\":480,\"params\":[1e300,320,240]}",
+        ),
+        (
+            "camera",
+            "{\"model\":\"PINHOLE\",\"width\":640,\"height\":480,\"params\":[1e-300,525,320,240]}",
+        ),
+        (
+            "camera",
+            "{\"model\":\"SIMPLE_PINHOLE\",\"width\":640,\"height\":480,\"params\":[525,320,-1e300]}",
+        ),
+        (
+            "other_cameras",
+            "[{\"model\":\"PINHOLE\",\"width\":4,\"height\":4,\"params\":[3,1e300,2,2]}]",
         ),
         ("other_cameras", "{}"),
         (
@@ -287,6 +305,7 @@ fn wrong_kinds_versions_and_values_have_their_own_errors() {
         ("working_max_side", "1e9"),
         ("working_max_side", "2049"),
         ("training", "5"),
+        ("training", "{\"seconds\":-1e300}"),
         (
             "training",
             "{\"held_out\":{\"num_images\":1,\"num_not_located\":2}}",

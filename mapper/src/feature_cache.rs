@@ -204,9 +204,8 @@ fn decode(bytes: &[u8], maker: &str) -> Result<Option<FeatureSet>, String> {
         Some(text) => text
             .parse()
             .map_err(|_| format!("`tokens` is {text:?}, which is no number"))?,
-        None => segment_descriptors_nsd
-            .len()
-            .checked_div(segments.len() * d)
+        None => (segments.len().checked_mul(d))
+            .and_then(|row| segment_descriptors_nsd.len().checked_div(row))
             .unwrap_or(0),
     };
     let features = FeatureSet {
@@ -224,8 +223,11 @@ fn decode(bytes: &[u8], maker: &str) -> Result<Option<FeatureSet>, String> {
         tokens,
     };
     let n = features.keypoints.len();
-    let rows = features.segments.len() * features.tokens;
-    if features.descriptors_nd.len() != n * d || features.segment_descriptors_nsd.len() != rows * d
+    // The numbers are the file's own: their product may be none.
+    let product = |factors: &[usize]| factors.iter().try_fold(1, |a: usize, b| a.checked_mul(*b));
+    let rows = [features.segments.len(), features.tokens, d];
+    if product(&[n, d]) != Some(features.descriptors_nd.len())
+        || product(&rows) != Some(features.segment_descriptors_nsd.len())
     {
         return Err(format!(
             "{n} keypoints and {} segments do not fit {} and {} descriptor values of length {d}",
@@ -234,6 +236,15 @@ fn decode(bytes: &[u8], maker: &str) -> Result<Option<FeatureSet>, String> {
             features.segment_descriptors_nsd.len()
         ));
     }
+    let of_keypoints = (features.keypoints.iter())
+        .flat_map(|k| [k.pixel.x, k.pixel.y, f64::from(k.score)])
+        .chain(features.segments.iter().flat_map(Segment2::to_numbers));
+    let of_descriptors = [&features.descriptors_nd, &features.segment_descriptors_nsd];
+    if !of_keypoints.into_iter().all(f64::is_finite)
+        || !of_descriptors.into_iter().flatten().all(|v| v.is_finite())
+    {
+        return Err("it holds a number that is not finite".to_owned());
+    }
     Ok(Some(features))
 }
 
@@ -241,11 +252,8 @@ fn decode(bytes: &[u8], maker: &str) -> Result<Option<FeatureSet>, String> {
 mod tests {
     use super::*;
 
-    #[test]
-    fn features_survive_the_disk_and_others_are_made_again() {
-        let folder = std::env::temp_dir().join(format!("landline-cache-{}", std::process::id()));
-        let cache = FeatureCache::new(&folder, "a");
-        let features = FeatureSet {
+    fn features() -> FeatureSet {
+        FeatureSet {
             keypoints: [(0.5, 1.25, 0.5), (3.0, 2.0, 0.25)]
                 .map(|(x, y, score)| Keypoint {
                     pixel: Pixel::new(x, y),
@@ -263,7 +271,14 @@ mod tests {
                 neg_log10_nfa: 7.5,
             }],
             segment_descriptors_nsd: vec![0.5; 24],
-        };
+        }
+    }
+
+    #[test]
+    fn features_survive_the_disk_and_others_are_made_again() {
+        let folder = std::env::temp_dir().join(format!("landline-cache-{}", std::process::id()));
+        let cache = FeatureCache::new(&folder, "a");
+        let features = features();
         assert_eq!(cache.read("seq/a.png").expect("absent is no error"), None);
         cache.write("../seq/a.png", &features).expect("writable");
         assert_eq!(cache.read("seq/a.png").expect("readable"), Some(features));
@@ -275,5 +290,45 @@ mod tests {
             Err(FeatureCacheError::Damaged { .. })
         ));
         std::fs::remove_dir_all(&folder).expect("exists");
+    }
+    #[test]
+    fn numbers_that_are_none_and_sizes_beyond_memory_are_refused() {
+        type Change = fn(&mut FeatureSet);
+        let changes: [(&str, Change); 5] = [
+            ("score", |f| f.keypoints[0].score = f32::NAN),
+            ("pixel", |f| f.keypoints[1].pixel.x = f64::INFINITY),
+            ("descriptor", |f| f.descriptors_nd[2] = f32::NAN),
+            ("segment", |f| f.segments[0].end.y = f64::NAN),
+            ("sample", |f| f.segment_descriptors_nsd[23] = f32::INFINITY),
+        ];
+        for (name, change) in changes {
+            let mut changed = features();
+            change(&mut changed);
+            let bytes = encode(&changed, "a").expect("writes");
+            let told = decode(&bytes, "a").expect_err(name);
+            assert!(told.contains("not finite"), "{name}: {told}");
+        }
+
+        // Rows of no length, so that an empty tensor holds any number of them: one product wraps to the right one, one panics.
+        for (d, tokens) in [
+            (1_usize << 63, "2"),
+            (1 << 62, "4"),
+            (2, "18446744073709551615"),
+        ] {
+            let segments = [0_u8; 56];
+            let view = |dtype, shape: &[usize], data| TensorView::new(dtype, shape.to_vec(), data);
+            let tensors = [
+                ("keypoints", view(Dtype::F32, &[0, 3], &[])),
+                ("descriptors", view(Dtype::F16, &[0, d], &[])),
+                ("segments", view(Dtype::F64, &[1, 7], &segments)),
+                ("segment_descriptors", view(Dtype::F16, &[0, d], &[])),
+            ];
+            let tensors = tensors.map(|(name, tensor)| (name, tensor.expect("empty")));
+            let metadata = [("format", FORMAT), ("extractor", "a"), ("tokens", tokens)];
+            let metadata = metadata.map(|(k, v)| (k.to_owned(), v.to_owned()));
+            let bytes = serialize(tensors, Some(HashMap::from(metadata))).expect("writes");
+            let told = decode(&bytes, "a").expect_err("one segment has no samples");
+            assert!(told.contains("do not fit"), "{told}");
+        }
     }
 }

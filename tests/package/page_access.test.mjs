@@ -113,6 +113,7 @@ test("with a policy of its own the worker cannot even import", { skip, timeout: 
   assert.equal(made, "cpu");
   const tried = await page.workers()[0].evaluate(channels, other.url);
   for (const [channel, outcome] of Object.entries(tried)) t.diagnostic(`worker with a policy, ${channel}: ${outcome}`);
+  t.diagnostic(`worker with a policy: the other server was asked ${other.requests.length} times`);
   assert.deepEqual([...new Set(Object.values(tried))], ["TypeError"]);
   assert.equal(other.requests.length, 0);
 });
@@ -132,6 +133,7 @@ test("neither the page nor its worker can talk to another server", { skip, timeo
   // Every channel, on the scope and on what it inherits from; each answers with its error.
   const tried = await worker.evaluate(channels, other.url);
   for (const [channel, outcome] of Object.entries(tried)) t.diagnostic(`worker, ${channel}: ${outcome}`);
+  t.diagnostic(`worker: the other server was asked for ${JSON.stringify(other.requests.map(({ path }) => path))}`);
   const { import: imported, ...rest } = tried;
   assert.deepEqual([...new Set(Object.values(rest))], ["TypeError"], "the worker has given up the network");
   // Syntax cannot be given up. Without a policy that comes with the worker's script it reaches any server.

@@ -35,7 +35,7 @@ pub enum CameraError {
     },
     /// Numbers that no camera has, however its pictures were scaled or cut.
     #[error(
-        "focal lengths of {fx} and {fy} px with the principal point at ({cx}, {cy}) are of no camera with pictures of {width}x{height}"
+        "focal lengths of {fx:?} and {fy:?} px with the principal point at ({cx:?}, {cy:?}) are of no camera with pictures of {width}x{height}"
     )]
     Implausible {
         fx: f64,

@@ -8,9 +8,9 @@
 // device that is lost. Printed are memory, workers and rejections along the way; a rejection that its event does not explain, an
 // unhandled one, a pose that is not finite or another answer to the first picture than the first time ends the run with a failure.
 // CHROME names the browser.
-import { existsSync, readdirSync, readFileSync } from "node:fs";
+import { existsSync, readFileSync } from "node:fs";
 import { join, normalize } from "node:path";
-import { blankPage, root } from "./blank_page.mjs";
+import { renderersMb, root, unwatchedPage } from "./blank_page.mjs";
 
 const [frames = "10000", seed = "1", site = join(root, "dist/site")] = process.argv.slice(2);
 const numFrames = Number(frames);
@@ -22,32 +22,10 @@ const find = (path) => {
   return join(site, normalize(path));
 };
 const flags = ["--disable-gpu", "--enable-unsafe-swiftshader", "--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader", "--js-flags=--expose-gc"];
-const { page, browser, close } = await blankPage(find, 600_000, flags);
-const unhandled = [];
-page.on("pageerror", (error) => unhandled.push(String(error)));
-const devtools = await page.context().newCDPSession(page);
-await devtools.send("Performance.enable");
+const { evaluate, send, workers, errors: unhandled, product, close } = await unwatchedPage(find, flags);
+await send("Performance.enable");
 
-/** Megabytes that the browser's renderers hold, where the system tells: they descend from this process. */
-function renderers() {
-  if (process.platform !== "linux") return NaN;
-  const processes = new Map();
-  for (const pid of readdirSync("/proc").filter((name) => /^\d+$/.test(name))) {
-    try {
-      const status = readFileSync(`/proc/${pid}/status`, "utf8");
-      const number = (key) => Number(new RegExp(`${key}:\\s+(\\d+)`).exec(status)?.[1] ?? 0);
-      processes.set(Number(pid), { parent: number("PPid"), mb: number("VmRSS") / 1024, command: readFileSync(`/proc/${pid}/cmdline`, "utf8") });
-    } catch {
-      // It has ended meanwhile.
-    }
-  }
-  const descends = (pid) => pid === process.pid || (processes.has(pid) && descends(processes.get(pid).parent));
-  let sum = 0;
-  for (const [pid, { mb, command }] of processes) if (command.includes("--type=renderer") && descends(pid)) sum += mb;
-  return sum;
-}
-
-await page.evaluate(async (seed) => {
+await evaluate(async (seed) => {
   const { Relocalizer, follow } = await import("/vendor/landline/index.js");
   const sample = await (await fetch("/scenes/sample/sample.json")).json();
   const pictures = [];
@@ -263,7 +241,7 @@ await page.evaluate(async (seed) => {
   globalThis.end = () => relocalizer.dispose();
 }, Number(seed));
 
-console.log(`Chromium ${browser.version()}, ${numFrames} frames, seed ${seed}`);
+console.log(`${product}, ${numFrames} frames, seed ${seed}`);
 const header = ["frames", "seconds", "events", "made", "devices lost", "located", "heap MB", "wasm MB", "renderer MB", "workers", "rejections", "unexplained"];
 console.log(`| ${header.join(" | ")} |\n|${" --- |".repeat(header.length)}`);
 const start = performance.now();
@@ -271,22 +249,22 @@ let tally;
 let told = 0;
 const steps = Math.min(20, Math.max(1, Math.floor(numFrames / 100)));
 for (let i = 1; i <= steps; i++) {
-  tally = await page.evaluate((until) => globalThis.soak(until), Math.round((numFrames * i) / steps));
-  const { metrics } = await devtools.send("Performance.getMetrics");
+  tally = await evaluate((until) => globalThis.soak(until), Math.round((numFrames * i) / steps));
+  const { metrics } = await send("Performance.getMetrics");
   const heap = metrics.find(({ name }) => name === "JSHeapUsedSize").value / 2 ** 20;
   const sum = (counts) => Object.values(counts).reduce((all, n) => all + n, 0);
-  const row = [tally.frames, ((performance.now() - start) / 1000).toFixed(0), sum(tally.events), tally.made, tally.lostDevices, tally.located, heap.toFixed(1), (tally.wasm / 2 ** 20).toFixed(1), renderers().toFixed(0), page.workers().length, sum(tally.rejected), tally.unexplained.length + unhandled.length];
+  const row = [tally.frames, ((performance.now() - start) / 1000).toFixed(0), sum(tally.events), tally.made, tally.lostDevices, tally.located, heap.toFixed(1), (tally.wasm / 2 ** 20).toFixed(1), renderersMb().toFixed(0), workers.size, sum(tally.rejected), tally.unexplained.length + unhandled.length];
   console.log(`| ${row.join(" | ")} |`);
   const known = [...tally.unexplained, ...unhandled];
   for (const fault of known.slice(told, told + 20)) console.error(`unexplained: ${fault}`);
   told = known.length;
 }
-await page.evaluate(() => globalThis.end());
+await evaluate(() => globalThis.end());
 await new Promise((done) => setTimeout(done, 500));
 console.log(`events ${JSON.stringify(tally.events)}`);
 console.log(`rejections ${JSON.stringify(tally.rejected)}`);
-console.log(`poses not finite ${tally.notFinite}, first answers that differ ${tally.differing}, workers left ${page.workers().length}`);
+console.log(`poses not finite ${tally.notFinite}, first answers that differ ${tally.differing}, workers left ${workers.size}`);
 const faults = [...tally.unexplained, ...unhandled];
-const left = page.workers().length;
+const left = workers.size;
 await close();
 if (faults.length > 0 || tally.notFinite > 0 || tally.differing > 0 || left > 0) process.exitCode = 1;

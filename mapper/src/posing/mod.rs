@@ -254,22 +254,25 @@ fn frames(request: &PosingRequest, out: &Path) -> Result<PathBuf, PosingError> {
             "--frames-per-second is {rate}: expected a number above 0, at most 60"
         )));
     }
-    // Frames of another video, or of the same one filmed anew, are others.
-    let video = &request.pictures;
+    let folder = folder_of_frames(&request.pictures, rate, out)?;
+    if !folder.is_dir() {
+        unposed::extract_frames(&request.pictures, &folder, rate)?;
+    }
+    Ok(folder)
+}
+
+/// Where a video's frames lie. Those of another video, or of the same one filmed anew, are others.
+fn folder_of_frames(video: &Path, rate: f64, out: &Path) -> Result<PathBuf, UnposedError> {
     let identity = std::fs::metadata(video).and_then(|m| Ok((m.len(), m.modified()?)));
     let identity = identity.map_err(|source| UnposedError::Io {
-        path: video.clone(),
+        path: video.to_owned(),
         source,
     })?;
     let mut hash = std::hash::DefaultHasher::new();
     (video, identity).hash(&mut hash);
     let mut name = out.as_os_str().to_owned();
     name.push(format!(".frames-{rate}-{:08x}", hash.finish() as u32));
-    let folder = PathBuf::from(name);
-    if !folder.is_dir() {
-        unposed::extract_frames(&request.pictures, &folder, rate)?;
-    }
-    Ok(folder)
+    Ok(PathBuf::from(name))
 }
 
 /// Refuses focal lengths that no camera has.
@@ -414,6 +417,28 @@ fn line(out: &mut String, text: std::fmt::Arguments<'_>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io;
+
+    #[test]
+    fn the_frames_of_another_film_are_never_taken_for_those_of_the_last() -> io::Result<()> {
+        let root = std::env::temp_dir().join(format!("landline-films-{}", std::process::id()));
+        std::fs::create_dir_all(&root)?;
+        let out = root.join("room");
+        let of = |name: &str, rate: f64| {
+            folder_of_frames(&root.join(name), rate, &out).expect("the film is there")
+        };
+        std::fs::write(root.join("a.mp4"), b"a film")?;
+        std::fs::write(root.join("b.mp4"), b"a film")?;
+        let first = of("a.mp4", 2.0);
+        assert!(first.display().to_string().contains("room.frames-2-"));
+        assert_eq!(of("a.mp4", 2.0), first, "the same film");
+        assert_ne!(of("b.mp4", 2.0), first, "another file");
+        assert_ne!(of("a.mp4", 4.0), first, "more frames of it");
+        std::fs::write(root.join("a.mp4"), b"filmed anew")?;
+        assert_ne!(of("a.mp4", 2.0), first, "filmed anew under the same name");
+        assert!(folder_of_frames(&root.join("none.mp4"), 2.0, &out).is_err());
+        std::fs::remove_dir_all(&root)
+    }
 
     #[test]
     fn a_wrong_focal_length_is_refused_without_another_that_would_be_refused_too() {

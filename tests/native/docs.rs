@@ -66,6 +66,34 @@ fn folders_of_the_architecture_exist_and_are_complete() {
 }
 
 #[test]
+fn limits_stand_in_the_code_as_in_their_table() {
+    let text = tree::read("docs/ARCHITECTURE.md");
+    let rows: Vec<_> = text
+        .lines()
+        .skip_while(|line| !line.starts_with("| what | at most |"))
+        .skip(2)
+        .take_while(|line| line.starts_with('|'))
+        .collect();
+    assert!(rows.len() > 10, "the table of limits has gone");
+    let mut wrong = Vec::new();
+    for row in rows {
+        let mut quoted = row.split('`').skip(1).step_by(2);
+        let (Some(code), Some(file)) = (quoted.next(), quoted.next()) else {
+            panic!("no code and file in {row}");
+        };
+        // A longer number would begin alike.
+        let source = tree::read(file);
+        let is_there = source
+            .match_indices(code)
+            .any(|(at, _)| source[at + code.len()..].starts_with(';'));
+        if !is_there {
+            wrong.push(format!("{file} does not say {code}"));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
 fn links_between_documents_lead_somewhere() {
     let mut broken = Vec::new();
     for document in documents() {

@@ -7,10 +7,11 @@
 // of `NAME QW QX QY QZ TX TY TZ` (camera from world), and FOCAL give the film's frames their poses and their camera. Memory is the peak resident size of
 // the page's process. CHROME names the browser.
 import { readFileSync } from "node:fs";
-import { readdir, readFile } from "node:fs/promises";
+import { readdir } from "node:fs/promises";
 import { basename, join, normalize, resolve } from "node:path";
 import { blankPage, root } from "./blank_page.mjs";
 import { range } from "./map_film.mjs";
+import { readPoses } from "./pose_list.mjs";
 
 const [packageFolder, pictures, step = "7", first = "0", end = "800", posesFile, focal] = process.argv.slice(2);
 if (!pictures || (posesFile && !focal)) throw new Error("usage: node benches/map_browser.mjs PACKAGE PICTURES [STEP] [FIRST] [END] [POSES FOCAL]");
@@ -18,20 +19,9 @@ const names = (await readdir(pictures, { recursive: true })).filter((name) => /\
 const film = range(Number(first), Number(end), Number(step)).filter((i) => i < names.length);
 const test = range(Number(end), Math.min(names.length, Number(end) + 100));
 
-/** A line of the list as 16 numbers, row-major. */
-function poseOf([w, x, y, z, ...t]) {
-  const n = Math.hypot(w, x, y, z);
-  [w, x, y, z] = [w / n, x / n, y / n, z / n];
-  return [
-    [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y), t[0]],
-    [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x), t[1]],
-    [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y), t[2]],
-    [0, 0, 0, 1],
-  ].flat();
-}
 let poses;
 if (posesFile) {
-  const known = new Map((await readFile(posesFile, "utf8")).split("\n").map((line) => line.trim().split(/\s+/)).filter((parts) => parts.length >= 8).map(([name, ...rest]) => [basename(name), poseOf(rest.slice(0, 7).map(Number))]));
+  const known = await readPoses(posesFile);
   poses = Object.fromEntries(film.map((i) => [i, known.get(names[i])]));
 }
 

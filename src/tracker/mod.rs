@@ -53,7 +53,7 @@ pub struct TrackerOptions {
     pub max_way_back_px: f32,
     /// Fewer found things that agree with the pose are not believed.
     pub min_inliers: usize,
-    /// Nor is a smaller share of what was found.
+    /// Nor is a smaller share of what was found, which in sharp pictures of a room at rest is nine tenths and more.
     pub min_inlier_share: f32,
     /// Vector instructions of the patches. [`Level::Portable`] gives the same bits on every machine and in the browser.
     pub kernels: Level,
@@ -64,20 +64,21 @@ impl Default for TrackerOptions {
         Self {
             max_side: 640,
             max_points: 160,
-            max_lines: 40,
+            max_lines: 120,
             ring: 14,
             min_correlation: 0.75,
             max_way_back_px: 0.7,
             min_inliers: 12,
-            min_inlier_share: 0.4,
+            min_inlier_share: 0.6,
             kernels: Level::best(),
         }
     }
 }
 
-/// Standard deviation of a found patch, and of a found edge across it, in pixels.
+/// Standard deviation of a found patch, and of a found edge across it, in pixels. An edge is found along its whole length, and the
+/// error of its depth does not move it along itself.
 const POINT_SIGMA_PX: f32 = 0.3;
-const LINE_SIGMA_PX: f32 = 0.4;
+const LINE_SIGMA_PX: f32 = 0.2;
 /// Found things further than this from the pose do not agree with it, in pixels.
 const MAX_ERROR_PX: f64 = 3.0;
 /// One of so many points that were looked for has to be found and to agree: chance finds one of fourteen in another picture.

@@ -45,6 +45,9 @@ struct Args {
     /// Write what the follower says about every frame: a table with commas.
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
+    /// Write the frames' true poses, `NAME QW QX QY QZ TX TY TZ` (camera from world) a line.
+    #[arg(long, value_name = "FILE")]
+    write_poses: Option<PathBuf>,
     /// Frames with faults of every kind.
     #[arg(long, value_name = "FRAMES")]
     soak: Option<usize>,
@@ -59,6 +62,9 @@ fn main() -> Result<()> {
     let video = video(&args)?;
     if video.pictures.is_empty() {
         bail!("there are no test pictures; choose some with --test (for example --test 800-899)");
+    }
+    if let Some(path) = &args.write_poses {
+        landline_mapper::files::write_bytes(path, video.pose_list().as_bytes())?;
     }
     let bar = Progress::Terminal.bar("locating", video.pictures.len());
     let located = locate_all(&mut relocalizer, &video, || bar.inc(1))?;

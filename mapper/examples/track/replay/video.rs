@@ -5,12 +5,14 @@ use landline::geometry::{CamFromWorld, Camera, Pixel};
 use landline_mapper::dataset::DatasetImage;
 use landline_mapper::picture;
 use landline_testkit::room::{Look, RenderOptions, Room, video_views};
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 use std::path::Path;
 
 /// One picture of a video.
 #[derive(Debug, Clone)]
 pub(crate) struct Picture {
+    /// Name of its file.
+    pub(crate) name: String,
     /// Rows of three bytes a pixel.
     pub(crate) rgb: Vec<u8>,
     /// Its camera.
@@ -37,6 +39,7 @@ impl Video {
         let mut pictures = Vec::with_capacity(images.len());
         for image in images {
             pictures.push(Picture {
+                name: image.name.clone(),
                 rgb: picture::read(&image.path)?.into_rgb8().into_raw(),
                 camera: image.camera,
                 cam_from_world: image.cam_from_world,
@@ -44,6 +47,20 @@ impl Video {
             });
         }
         Ok(Self { pictures })
+    }
+
+    /// A line for each picture with a true pose: its name, quaternion and translation, camera from world.
+    pub(crate) fn pose_list(&self) -> String {
+        let posed = |p: &Picture| Some((p.name.clone(), p.cam_from_world?));
+        let line = |(name, pose): (String, CamFromWorld)| {
+            let q = UnitQuaternion::from_matrix(&pose.rotation);
+            let t = pose.translation;
+            format!(
+                "{name} {} {} {} {} {} {} {}\n",
+                q.w, q.i, q.j, q.k, t.x, t.y, t.z
+            )
+        };
+        self.pictures.iter().filter_map(posed).map(line).collect()
     }
 
     /// The same picture again and again with fresh sensor noise of a standard deviation in grey levels.
@@ -89,7 +106,8 @@ pub(crate) fn rendered(
     let views = video_views(&room, seed, fps, seconds, (640, 480), look);
     let mut pictures = Vec::with_capacity(views.len());
     for (i, view) in views.iter().enumerate() {
-        let path = folder.join(format!("{look:?}-{seed}-{fps}-{i:04}.png").to_lowercase());
+        let name = format!("{look:?}-{seed}-{fps}-{i:04}.png").to_lowercase();
+        let path = folder.join(&name);
         let rgb = if path.exists() {
             picture::read(&path)?.into_rgb8().into_raw()
         } else {
@@ -117,6 +135,7 @@ pub(crate) fn rendered(
             })
             .collect();
         pictures.push(Picture {
+            name,
             rgb,
             camera: view.camera,
             cam_from_world: Some(view.cam_from_world),

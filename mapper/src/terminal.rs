@@ -37,6 +37,18 @@ impl Observer for Terminal {
         match event {
             Event::Features { .. } => Bars.happened(event),
             Event::Turned(turned) => println!("{turned}"),
+            Event::Up(Ok(v)) => println!(
+                "up                 ({:.4}, {:.4}, {:.4}), from {} segments of {} pictures, {:.2} degrees off for themselves",
+                v.up_in_world.x,
+                v.up_in_world.y,
+                v.up_in_world.z,
+                v.num_segments,
+                v.num_views,
+                v.scatter_rad.to_degrees()
+            ),
+            Event::Up(Err(why)) => {
+                println!("up                 not known: {why} (--up X,Y,Z says it)")
+            }
             Event::Labels { stats, seconds } => {
                 print!("{stats}");
                 println!("  time               {seconds:.1} s");

@@ -28,6 +28,7 @@ mod robust;
 mod track;
 mod triangulate;
 mod two_view;
+mod vertical;
 mod view;
 mod watch;
 
@@ -46,6 +47,7 @@ pub use track::{
 };
 pub use triangulate::{Bundle, Ray};
 pub use two_view::{TwoView, TwoViewKind, TwoViewParams, Uncalibrated, two_view, uncalibrated};
+pub use vertical::{NoVertical, Vertical, vertical};
 pub use view::{PosedView, View, planar_from_pixel};
 pub(crate) use watch::PIECE;
 pub use watch::{Observer, Pause, Stage, Watch};

@@ -70,9 +70,9 @@ pub struct DataArgs {
         allow_hyphen_values = true
     )]
     pub scale: Option<f64>,
-    /// Which way is up in the data set's world.
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_vector)]
-    pub up: Option<[f64; 3]>,
+    /// Which way is up in the data set's world: a direction, or `segments`, where upright edges in the pictures say it.
+    #[arg(long, value_name = "X,Y,Z|segments", allow_hyphen_values = true, value_parser = parse_up)]
+    pub up: Option<Up>,
 }
 
 impl DataArgs {
@@ -104,6 +104,24 @@ impl DataArgs {
     /// Whether the split is told, so that the data set's own counts for nothing.
     pub fn chooses_split(&self) -> bool {
         self.train.is_some() || self.test.is_some() || self.test_list.is_some()
+    }
+}
+
+/// Who says which way is up.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Up {
+    /// The user, in the data set's world.
+    Direction([f64; 3]),
+    /// The segments of the pictures.
+    Segments,
+}
+
+fn parse_up(text: &str) -> Result<Up, String> {
+    match text.trim() {
+        "segments" => Ok(Up::Segments),
+        numbers => parse_vector(numbers)
+            .map(Up::Direction)
+            .map_err(|why| format!("{why}; or the word `segments`")),
     }
 }
 
@@ -257,8 +275,13 @@ mod tests {
         let unknown = parsed(&["--units", "arbitrary", "--up", "0,-3,4"]).expect("words");
         assert_eq!(
             (unknown.units, unknown.up),
-            (Some(Units::Arbitrary), Some([0.0, -3.0, 4.0]))
+            (
+                Some(Units::Arbitrary),
+                Some(Up::Direction([0.0, -3.0, 4.0]))
+            )
         );
+        let told = parsed(&["--up", "segments"]).expect("a word");
+        assert_eq!(told.up, Some(Up::Segments));
         // Numbers that mean nothing are refused with the data set's name, where they are applied.
         for (word, scale) in [("--scale=-1", -1.0), ("--scale=1e300", 1e300)] {
             assert_eq!(parsed(&[word]).expect("a number").scale, Some(scale));

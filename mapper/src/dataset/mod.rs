@@ -23,7 +23,7 @@ mod transforms;
 mod tum;
 mod world;
 
-pub use args::{DataArgs, Format, OneOnly, PoseCamera, parse_camera, parse_vector, units};
+pub use args::{DataArgs, Format, OneOnly, PoseCamera, Up, parse_camera, parse_vector, units};
 pub use colmap_write::{MODEL_FILES, WrittenImage, WrittenModel, WrittenPoint};
 pub use open::{has_poses, open};
 pub use split::{IndexRange, Split};
@@ -114,6 +114,8 @@ pub struct Dataset {
     pub units: Units,
     /// Direction of gravity in the world, a unit vector, if the format or the user says it.
     pub gravity: Option<nalgebra::Vector3<f64>>,
+    /// Whether the pictures' segments are to say it.
+    pub is_up_asked: bool,
     /// Where the axes of the camera point in the file.
     pub camera_axes: CameraAxes,
     /// Poses are used as they are, even where the pictures contradict them.
@@ -138,6 +140,7 @@ impl Dataset {
             segments: None,
             units: Units::Arbitrary,
             gravity: None,
+            is_up_asked: false,
             camera_axes: CameraAxes::OPENCV,
             trust_poses: false,
             undecided: Vec::new(),

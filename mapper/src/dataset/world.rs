@@ -1,6 +1,6 @@
 //! What the lengths and the directions of a data set's world mean: its unit, its scale, which way is up.
 
-use super::args::DataArgs;
+use super::args::{DataArgs, Up};
 use super::{Dataset, DatasetError};
 use landline::geometry::{CamFromWorld, Units};
 
@@ -56,8 +56,10 @@ pub(super) fn apply(dataset: &mut Dataset, args: &DataArgs) -> Result<(), Datase
         rescale(dataset, scale);
         dataset.units = Units::Metres;
     }
-    if let Some(up) = args.up {
-        dataset.gravity = Some(gravity_from_up(&args.data, up)?);
+    match args.up {
+        Some(Up::Direction(up)) => dataset.gravity = Some(gravity_from_up(&args.data, up)?),
+        Some(Up::Segments) => dataset.is_up_asked = true,
+        None => {}
     }
     Ok(())
 }
@@ -149,7 +151,8 @@ mod tests {
             (up([f64::NAN, 0.0, 1.0]), "NaN,0,1"),
             (up([0.0, f64::INFINITY, 0.0]), "0,inf,0"),
         ] {
-            let error = applied(|a| (a.scale, a.up) = (scale, up)).expect_err("means nothing");
+            let error = applied(|a| (a.scale, a.up) = (scale, up.map(Up::Direction)))
+                .expect_err("means nothing");
             let DatasetError::Option {
                 option: o,
                 value: v,
@@ -169,7 +172,7 @@ mod tests {
             let gravity = gravity_from_up(Path::new("x"), up).expect("a direction");
             assert_eq!(gravity, Vector3::new(0.0, -1.0, 0.0));
         }
-        let tilted = applied(|a| a.up = Some([0.0, -3.0, 4.0]))
+        let tilted = applied(|a| a.up = Some(Up::Direction([0.0, -3.0, 4.0])))
             .expect("a direction")
             .gravity;
         assert!((tilted.expect("given") - Vector3::new(0.0, 0.6, -0.8)).norm() < 1e-15);

@@ -24,7 +24,7 @@ use crate::extract::{ExtractError, Extraction};
 use crate::labels::{Imported, LabelError, Labels, Origin, add_variants, build_from};
 use crate::working::{self, Shrink};
 use landline::mapping::{SceneError, TrackError, TrackParams, TrackStats};
-use landline::reconstruction::Misreading;
+use landline::reconstruction::{Misreading, View, vertical};
 use landline::regress::RegressError;
 use landline::scene_file::{SceneFile, SceneFileError};
 use std::time::Instant;
@@ -178,6 +178,12 @@ pub fn labels(
         .map_err(|error| by_format(error, dataset))?;
     made.0.map.units = dataset.units;
     made.0.map.gravity = dataset.gravity;
+    if dataset.is_up_asked {
+        let posed: Vec<_> = made.0.map.views.iter().filter_map(View::posed).collect();
+        let found = vertical(&posed);
+        observer.happened(&Event::Up(&found));
+        made.0.map.gravity = found.ok().map(|v| -v.up_in_world);
+    }
     observer.happened(&Event::Labels {
         stats: &made.1,
         seconds: start.elapsed().as_secs_f64(),

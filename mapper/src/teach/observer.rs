@@ -7,6 +7,7 @@ use crate::progress::Progress;
 use crate::train::run::Trained;
 use landline::landmarks::LandmarkTable;
 use landline::mapping::TrackStats;
+use landline::reconstruction::{NoVertical, Vertical};
 use landline::scene_file::{HeldOut, Units};
 
 /// Something that happened.
@@ -21,6 +22,8 @@ pub enum Event<'a> {
     },
     /// How poses of pictures that EXIF turns are read.
     Turned(&'a Turned),
+    /// Segments were asked which way is up.
+    Up(&'a Result<Vertical, NoVertical>),
     /// Points and lines are triangulated.
     Labels {
         /// About them.

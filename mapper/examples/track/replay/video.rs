@@ -5,7 +5,7 @@ use landline::geometry::{CamFromWorld, Camera, Pixel};
 use landline_mapper::dataset::DatasetImage;
 use landline_mapper::picture;
 use landline_testkit::room::{Look, RenderOptions, Room, video_views};
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use std::path::Path;
 
 /// One picture of a video.
@@ -53,12 +53,9 @@ impl Video {
     pub(crate) fn pose_list(&self) -> String {
         let posed = |p: &Picture| Some((p.name.clone(), p.cam_from_world?));
         let line = |(name, pose): (String, CamFromWorld)| {
-            let q = UnitQuaternion::from_matrix(&pose.rotation);
+            let [w, x, y, z] = pose.quaternion_wxyz();
             let t = pose.translation;
-            format!(
-                "{name} {} {} {} {} {} {} {}\n",
-                q.w, q.i, q.j, q.k, t.x, t.y, t.z
-            )
+            format!("{name} {w} {x} {y} {z} {} {} {}\n", t.x, t.y, t.z)
         };
         self.pictures.iter().filter_map(posed).map(line).collect()
     }

@@ -150,6 +150,24 @@ console.log("| --- | --- | --- | --- | --- |");
 row("each frame located by itself, as if at once", (shown) => alone[shown.at].pose);
 row("before: the last answer over the newest frame", (shown) => shown.last);
 row("after: followed", (shown) => shown.pose);
+/** Turn of a pose against the true one as a vector in degrees (it is small), and shift of its centre in hundredths. */
+function off(pose, k) {
+  const truth = known.get(names[k]);
+  const turn = (r, c) => [0, 1, 2].reduce((sum, i) => sum + pose[4 * r + i] * truth[4 * c + i], 0);
+  const angles = [turn(2, 1) - turn(1, 2), turn(0, 2) - turn(2, 0), turn(1, 0) - turn(0, 1)].map((v) => (90 / Math.PI) * v);
+  const [a, b] = [centre(pose), centre(truth)];
+  return [angles, a.map((v, i) => 100 * (v - b[i]))];
+}
+/** Median length about the mean, and the mean's length: what all share is the reference's or the map's. */
+const spread = (vectors) => {
+  const mean = [0, 1, 2].map((i) => vectors.reduce((sum, v) => sum + v[i], 0) / vectors.length);
+  return [at(vectors.map((v) => Math.hypot(...v.map((x, i) => x - mean[i]))), 0.5), Math.hypot(...mean)];
+};
+for (const [name, of] of [["located by itself", (shown) => alone[shown.at].pose], ["followed", (shown) => shown.pose]]) {
+  const all = rows.filter((shown) => of(shown)).map((shown) => off(of(shown), shown.at));
+  const [turn, shift] = [0, 1].map((i) => spread(all.map((e) => e[i])));
+  console.log(`${name}: rotation ${turn[0].toFixed(3)} degrees in the median about a mean of ${turn[1].toFixed(3)}, position ${shift[0].toFixed(2)} hundredths about ${shift[1].toFixed(2)}`);
+}
 const painted = Number(passes) * (names.length - 1);
 const ms = shown.map((s) => s.ms);
 console.log(`${painted} frames painted, ${shown.length} with a result, ${dropped} dropped by the loop; a frame ${at(ms, 0.5).toFixed(2)} ms of the page's thread (median), ${at(ms, 0.99).toFixed(2)} ms (99 %)`);

@@ -5,7 +5,7 @@
 //!   an upright edge contains the vertical, so its normal is square to it (Hartley and Zisserman, Multiple View Geometry, 8.6):
 //!   among directions near the mean, each from two such planes, the one that most lines of the pictures agree with is taken,
 //!   fitted again to them, and held against the best one elsewhere.
-//! * **Invariants**: the same pictures give the same bits, natively and in wasm; a direction is of unit length.
+//! * **Invariants**: the same pictures give the same direction, of unit length.
 
 use super::view::PosedView;
 use crate::math::Rng;

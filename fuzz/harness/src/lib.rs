@@ -203,39 +203,38 @@ fn ace_pose(bytes: &[u8]) -> bool {
     })
 }
 
-/// A model of one picture; each target changes one of its files. As with lists, what the format refuses does not come here.
-fn colmap(cameras: &[u8], images: &[u8], points: &[u8]) -> bool {
-    thread_local!(static FOLDER: Folder = Folder::of(&[("a.png", &seeds::picture()[0])]));
-    FOLDER.with(|f| {
-        f.with("cameras.bin", cameras);
-        f.with("images.bin", images);
-        f.with("points3D.bin", points);
-        reads(&f.0, &[])
-    })
+/// The files of a model of one picture, of which each target changes one. As with lists, what the format refuses does not come here.
+fn model_without(changed: &str) -> Folder {
+    let files = [
+        ("cameras.bin", seeds::colmap_cameras()),
+        ("images.bin", seeds::colmap_images()),
+        ("points3D.bin", seeds::colmap_points()),
+    ];
+    let folder = Folder::of(&[("a.png", &seeds::picture()[0])]);
+    for (name, seeds) in files {
+        if name != changed {
+            folder.with(name, &seeds[0]);
+        }
+    }
+    folder
 }
 
 fn colmap_cameras(bytes: &[u8]) -> bool {
-    if model::cameras_of_bytes("cameras.bin", bytes).is_err() {
-        return false;
-    }
-    let points = &seeds::colmap_points()[0];
-    colmap(bytes, &seeds::colmap_images()[0], points)
+    const FILE: &str = "cameras.bin";
+    thread_local!(static FOLDER: Folder = model_without(FILE));
+    model::cameras_of_bytes(FILE, bytes).is_ok() && FOLDER.with(|f| f.reads_with(FILE, bytes))
 }
 
 fn colmap_images(bytes: &[u8]) -> bool {
-    if model::images_of_bytes("images.bin", bytes).is_err() {
-        return false;
-    }
-    let points = &seeds::colmap_points()[0];
-    colmap(&seeds::colmap_cameras()[0], bytes, points)
+    const FILE: &str = "images.bin";
+    thread_local!(static FOLDER: Folder = model_without(FILE));
+    model::images_of_bytes(FILE, bytes).is_ok() && FOLDER.with(|f| f.reads_with(FILE, bytes))
 }
 
 fn colmap_points(bytes: &[u8]) -> bool {
-    if model::points_of_bytes("points3D.bin", bytes).is_err() {
-        return false;
-    }
-    let images = &seeds::colmap_images()[0];
-    colmap(&seeds::colmap_cameras()[0], images, bytes)
+    const FILE: &str = "points3D.bin";
+    thread_local!(static FOLDER: Folder = model_without(FILE));
+    model::points_of_bytes(FILE, bytes).is_ok() && FOLDER.with(|f| f.reads_with(FILE, bytes))
 }
 
 #[derive(Parser)]
@@ -246,10 +245,15 @@ struct Line {
 
 /// Reads a data set; what is accepted has to make sense.
 fn reads(data: &Path, options: &[&str]) -> bool {
-    let words = ["fuzz".as_ref(), data.as_os_str()].into_iter();
-    let words = words.chain(options.iter().map(AsRef::as_ref));
-    let line = Line::try_parse_from(words).expect("a right command line");
-    open(&line.data).is_ok_and(|dataset| {
+    thread_local!(static NONE: DataArgs = Line::parse_from(["fuzz", "."]).data);
+    // The command line takes longer than the file.
+    let mut args = if options.is_empty() {
+        NONE.with(Clone::clone)
+    } else {
+        Line::parse_from(["fuzz", "."].iter().chain(options)).data
+    };
+    args.data = data.to_owned();
+    open(&args).is_ok_and(|dataset| {
         check(&dataset);
         true
     })
@@ -302,6 +306,12 @@ impl Folder {
             folder.with(name, bytes);
         }
         folder
+    }
+
+    /// Whether the folder is a data set with this file.
+    fn reads_with(&self, name: &str, bytes: &[u8]) -> bool {
+        self.with(name, bytes);
+        reads(&self.0, &[])
     }
 
     /// Writes a file; returns its path.

@@ -111,7 +111,7 @@ pub fn images_of_bytes(file: &str, bytes: &[u8]) -> Result<Vec<RawImage>, Format
         let name = r.name()?;
         let mut keypoints = Vec::new();
         for _ in 0..r.count(24)? {
-            let pixel = Pixel::new(r.f64()?, r.f64()?);
+            let pixel = Pixel::new(r.finite()?, r.finite()?);
             let point = r.u64()?;
             keypoints.push((pixel, (point != u64::MAX).then_some(point)));
         }
@@ -160,10 +160,8 @@ pub fn images_of_text(file: &TextFile) -> Result<Vec<RawImage>, FormatError> {
             }
             for triple in fields.chunks_exact(3) {
                 let id: i64 = second.number(triple[2])?;
-                keypoints.push((
-                    Pixel::new(second.number(triple[0])?, second.number(triple[1])?),
-                    u64::try_from(id).ok(),
-                ));
+                let pixel = second.finite(&triple[..2])?;
+                keypoints.push((Pixel::new(pixel[0], pixel[1]), u64::try_from(id).ok()));
             }
         }
         images.push(RawImage {
@@ -187,7 +185,7 @@ pub fn points_of_bytes(file: &str, bytes: &[u8]) -> Result<Vec<RawPoint>, Format
     let mut points = Vec::new();
     for _ in 0..r.count(51)? {
         let id = r.u64()?;
-        let position = [r.f64()?, r.f64()?, r.f64()?];
+        let position = [r.finite()?, r.finite()?, r.finite()?];
         let _colour = [r.u8()?, r.u8()?, r.u8()?];
         let _error = r.f64()?;
         let mut track = Vec::new();
@@ -277,6 +275,20 @@ impl<'a> Reader<'a> {
     }
     fn f64(&mut self) -> Result<f64, FormatError> {
         self.take().map(f64::from_le_bytes)
+    }
+
+    /// A number of which nothing later asks whether it is one.
+    fn finite(&mut self) -> Result<f64, FormatError> {
+        let value = self.f64()?;
+        if value.is_finite() {
+            return Ok(value);
+        }
+        let at = format!("byte {}", self.next - size_of::<f64>());
+        Err(FormatError::at(
+            self.file,
+            at,
+            format!("{value} is no number to compute with"),
+        ))
     }
 
     /// A count of records that take at least `size` bytes each.

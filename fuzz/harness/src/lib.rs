@@ -282,6 +282,8 @@ fn check(dataset: &Dataset) {
     }
     for point in &dataset.points {
         assert!(point.point_in_world.iter().all(|v| v.is_finite()));
+        let mut seen = point.observations.iter().map(|(_, pixel)| pixel);
+        assert!(seen.all(|p| (p.x + p.y).is_finite()));
     }
 }
 

@@ -109,6 +109,36 @@ fn cut_or_wrong_colmap_files_name_file_and_place() {
     assert!(message.contains("camera model 77 is unknown"), "{message}");
 }
 
+/// Found by fuzzing: of a binary model nobody had asked whether its points are numbers.
+#[test]
+fn points_and_keypoints_of_a_model_are_numbers() {
+    // After the count and the id; after the count, id, pose, camera, name and count of keypoints.
+    let in_image = 8 + 4 + 7 * 8 + 4 + RIG_PICTURES[0].len() + 1 + 8;
+    for (file, at) in [("points3D.bin", 8 + 8 + 8), ("images.bin", in_image)] {
+        for value in [f64::NAN, f64::NEG_INFINITY] {
+            let folder = colmap_fixture("bin");
+            let path = folder.0.join("sparse/0").join(file);
+            let mut bytes = std::fs::read(&path).expect("exists");
+            bytes[at..at + 8].copy_from_slice(&value.to_le_bytes());
+            std::fs::write(&path, &bytes).expect("writable");
+            let message = read(&folder.0, &[]).expect_err("no number").to_string();
+            let said = format!("byte {at}");
+            assert!(
+                message.contains(file) && message.contains(&said),
+                "{message}"
+            );
+        }
+    }
+    let folder = colmap_fixture("txt");
+    let path = folder.0.join("sparse/0/images.txt");
+    let text = std::fs::read_to_string(&path).expect("exists");
+    let line = text.lines().filter(|l| !l.starts_with('#')).nth(1);
+    let first = line.and_then(|l| l.split(' ').next()).expect("keypoints");
+    std::fs::write(&path, text.replacen(&format!("\n{first} "), "\nNaN ", 1)).expect("writable");
+    let message = read(&folder.0, &[]).expect_err("no number").to_string();
+    assert!(message.contains("images.txt"), "{message}");
+}
+
 #[test]
 fn missing_and_damaged_pictures_are_counted_in_the_table() {
     let folder = colmap_fixture("txt");

@@ -2,7 +2,7 @@
 
 use super::error::LocateError;
 use super::options::{CameraSource, FocalBelief, Query};
-use crate::geometry::{Camera, WorkingFromSensor};
+use crate::geometry::{Camera, Pixel, WorkingFromSensor};
 use crate::math::elementary::ln;
 use crate::pose::{Focal, PoseEstimate};
 use crate::scene_file::SceneInfo;
@@ -14,7 +14,7 @@ const ASSUMED_FOCAL: f64 = 0.85;
 const MAX_SCENE_CAMERAS: usize = 3;
 
 /// So many starts there are after the first: other cameras of the scene, or what may be wrong with a given one.
-const MAX_REST: usize = 3;
+const MAX_REST: usize = 4;
 
 /// What earlier frames say of a camera agrees with one of the scene's up to this difference of ln f, and so many deviations.
 const AGREEING_LN: f64 = 0.02;
@@ -24,6 +24,8 @@ const AGREEING_SIGMAS: f64 = 3.0;
 /// not doubted: less is told by the matches that were found, where it matters.
 const LEAST_SQUEEZE_LN: f64 = 0.05;
 const LEAST_SHIFT: f64 = 0.05;
+/// Nor one whose distortion moves the picture near its corners by less than this against the scene's, as a share of the longer side.
+const LEAST_BEND: f64 = 0.02;
 
 /// A camera in pixels of the frame, where it comes from, and how free its focal length is.
 #[derive(Debug, Clone, Copy)]
@@ -145,7 +147,7 @@ impl Start {
     }
 
     /// What may be wrong with a given camera, `own` being the scene's: its principal point, where that is not the scene's own in a
-    /// picture of this size, and its ratio of focal lengths. A picture of the scene's own shape should have the scene's ratio, one of
+    /// picture of this size, its distortion, where that is not the scene's, and its ratio of focal lengths. A picture of the scene's own shape should have the scene's ratio, one of
     /// another shape that ratio where it is a part of a picture, which is asked about, and a stretched one where it was squeezed, which
     /// nobody says by mistake. The ratio is mended by the one focal length, and by the other; before a flat wall both may do as well,
     /// and what is nearer to the scene's own camera comes first.
@@ -164,6 +166,12 @@ impl Start {
         } else {
             *camera
         };
+        let like_own = |c: &Camera| {
+            let ((fx, fy), (x, y)) = (c.focal_px(), whole.focal_px());
+            let bent = whole.with_principal_point(c.principal_point());
+            bent.with_focals_scaled([fx / x, fy / y])
+        };
+        let is_bent = is_bent(camera, &like_own(camera));
         let ratio = |c: &Camera| c.focal_px().1 / c.focal_px().0;
         let [as_part, as_whole] = [own, &whole].map(|c| ratio(c) / ratio(camera));
         let is_fitting = |factor: f64| ln(factor).abs() <= LEAST_SQUEEZE_LN;
@@ -181,7 +189,12 @@ impl Start {
             doubts.reverse();
         }
         let [first, second] = doubts.map(|c| is_squeezed.then_some(doubted(c)));
-        [is_shifted.then_some(doubted(aligned)), first, second]
+        [
+            is_bent.then(|| doubted(like_own(&aligned))),
+            is_shifted.then_some(doubted(aligned)),
+            first,
+            second,
+        ]
     }
 
     /// Whether it stands for a given camera that is doubted.
@@ -243,10 +256,27 @@ impl Start {
     }
 }
 
+/// Whether two cameras that differ in their distortion alone see clearly different pictures near the corners.
+fn is_bent(camera: &Camera, other: &Camera) -> bool {
+    let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+    let corners = [(0.05, 0.05), (0.95, 0.05), (0.05, 0.95), (0.95, 0.95)];
+    corners.iter().any(|(x, y)| {
+        let at = Pixel::new(x * width, y * height);
+        let seen = |c: &Camera| c.bearing_from_pixel(at);
+        match (seen(camera), seen(other)) {
+            // Where one of them sees nothing at all they differ.
+            (Some(bearing), Some(_)) => other
+                .pixel_from_cam(&bearing)
+                .is_none_or(|there| there.distance(at) > LEAST_BEND * width.max(height)),
+            (a, b) => a.is_some() != b.is_some(),
+        }
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Pixel;
+    use crate::geometry::CameraModel;
     use crate::models::ExtractorKind;
 
     fn scene(focals: &[(u32, u32, f64)]) -> SceneInfo {
@@ -364,6 +394,16 @@ mod tests {
                 [[500, 500, 320, 200]].into_iter().chain(squeezed).collect()
             )
         );
+        // A distortion that the scene's camera does not have, or too little of one to matter.
+        let radial = |k: f64| Camera {
+            model: CameraModel::from_colmap("SIMPLE_RADIAL", &[700.0, 320.0, 240.0, k])
+                .expect("four numbers"),
+            ..Camera::centered(640, 480, 700.0)
+        };
+        assert_eq!(doubts(radial(-0.02)), (whole, Vec::new()));
+        for k in [-0.2, 0.5] {
+            assert_eq!(doubts(radial(k)), (whole, vec![[700, 700, 320, 240]]));
+        }
         let told = Camera::centered(640, 400, 500.0).with_focals_scaled([1.0, 400.0 / 480.0]);
         assert_eq!(doubts(told), (other_shape, Vec::new()));
     }

@@ -8,8 +8,8 @@ quarters of its height), cropped (an eighth of the top and a quarter of the left
 (the middle three quarters of its height, to the whole), narrow (0.8 times as wide, between black bars), mirrored and turned by 90
 degrees.
 The intrinsics of the whole picture are passed with what keeps its size; the others come without any. Then the same eighth with
-intrinsics that are told rightly of a part and of a squeezed picture, and wrongly: a squeezed picture told as a part, principal
-points and focal lengths that are off. Each scene also gets the plain pictures of the other rooms. The rendered sample room of the
+intrinsics that are told rightly of a part, of a squeezed and of a bent picture (as a wide lens bends it), and wrongly: a squeezed
+picture told as a part, principal points, focal lengths and distortions that are off. Each scene also gets the plain pictures of the other rooms. The rendered sample room of the
 demo is one of them. With `--all`: every test picture as it is, every second one altered, and every second of all
 pictures of the other rooms. Needs numpy and pillow.
 """
@@ -72,15 +72,45 @@ def rooms(data, sample):
     yield "hololens", None, sorted((hololens / "rgb").iterdir())[100:160], positions, camera
 
 
-def opencv(camera, width, height, fx=1.0, fy=1.0, cx=0.0, cy=0.0):
-    """The camera for a size, its focal lengths multiplied and its principal point moved."""
+# Of a bent picture: its radial term.
+BEND = -0.2
+
+
+def numbers_of(camera):
+    """fx, fy, cx, cy and the radial term."""
     model, _, _, *numbers = camera.split(",")
     n = [float(v) for v in numbers]
     if model.startswith("SIMPLE"):
         n.insert(1, n[0])
-    k = n[4] if model == "SIMPLE_RADIAL" else 0.0
+    return [*n[:4], n[4] if model == "SIMPLE_RADIAL" else 0.0]
+
+
+def opencv(camera, width, height, fx=1.0, fy=1.0, cx=0.0, cy=0.0, bend=None, model="OPENCV"):
+    """The camera for a size, its focal lengths multiplied and its principal point moved."""
+    n = numbers_of(camera)
+    k = n[4] if bend is None else bend
     values = (fx * n[0], fy * n[1], n[2] + cx, n[3] + cy, k, 0, 0, 0)
-    return ",".join(str(v) for v in ("OPENCV", width, height, *values))
+    return ",".join(str(v) for v in (model, width, height, *values))
+
+
+def bent(image, camera):
+    """The picture as a lens with another radial term shows it."""
+    fx, fy, cx, cy, own = numbers_of(camera)
+    w, h = image.size
+    x, y = np.meshgrid((np.arange(w) + 0.5 - cx) / fx, (np.arange(h) + 0.5 - cy) / fy)
+    u, v = x.copy(), y.copy()
+    for _ in range(30):
+        scale = 1 + BEND * (u * u + v * v)
+        u, v = x / scale, y / scale
+    scale = 1 + own * (u * u + v * v)
+    at_x = np.clip(fx * u * scale + cx - 0.5, 0, w - 1.001)
+    at_y = np.clip(fy * v * scale + cy - 0.5, 0, h - 1.001)
+    left, top = at_x.astype(int), at_y.astype(int)
+    a, b = (at_x - left)[..., None], (at_y - top)[..., None]
+    p = np.asarray(image, dtype=float)
+    upper = (1 - a) * p[top, left] + a * p[top, left + 1]
+    lower = (1 - a) * p[top + 1, left] + a * p[top + 1, left + 1]
+    return Image.fromarray(((1 - b) * upper + b * lower).round().astype(np.uint8))
 
 
 def told(camera):
@@ -97,10 +127,16 @@ def told(camera):
     yield "focal length 1.22 times", "same", opencv(camera, w, h, fx=1.22, fy=1.22)
     yield "focal length 0.8 times", "same", opencv(camera, w, h, fx=0.8, fy=0.8)
     yield "one focal length 1.2 times", "same", opencv(camera, w, h, fy=1.2)
+    yield "bent, told", "bent", opencv(camera, w, h, bend=BEND)
+    yield "a radial term of 0.5", "same", opencv(camera, w, h, bend=0.5)
+    yield "a radial term of -0.2", "same", opencv(camera, w, h, bend=BEND)
+    yield "a fisheye's model", "same", opencv(camera, w, h, bend=0, model="OPENCV_FISHEYE")
 
 
-def altered(picture, kind):
+def altered(picture, kind, camera):
     image = Image.open(picture).convert("RGB")
+    if kind == "bent":
+        return bent(image, camera)
     w, h = image.size
     if kind == "zoomed":
         cw, ch = round(w / 1.25), round(h / 1.25)
@@ -155,11 +191,11 @@ def main():
             kinds = [("as they are", few, camera, True)]
             kinds.append(("without intrinsics", few, None, True))
             made = {}
-            for kind in ("zoomed", "squeezed", "cropped", "stretched", "narrow", "mirrored", "turned", "part", "same"):
+            for kind in ("zoomed", "squeezed", "cropped", "stretched", "narrow", "mirrored", "turned", "part", "bent", "same"):
                 at = pathlib.Path(folder) / room / kind
                 at.mkdir(parents=True)
                 for picture in few[::2]:
-                    altered(picture, kind).save(at / picture.name, quality=95)
+                    altered(picture, kind, camera).save(at / picture.name, quality=95)
                 made[kind] = sorted(at.iterdir())
             for kind in ("zoomed", "squeezed", "cropped", "stretched", "narrow", "mirrored", "turned"):
                 own = camera if kind in ("zoomed", "stretched", "narrow", "mirrored") else None

@@ -102,21 +102,25 @@ export async function unwatchedPage(find, flags = []) {
   return { evaluate, send, workers, errors, product, close };
 }
 
-/** Megabytes of their own that the browser's renderers hold, where the system tells: they descend from this process. */
-export function renderersMb() {
-  if (process.platform !== "linux") return NaN;
+/** Megabytes of each of the browser's renderers, where the system tells: its own, and the most that it ever held. They descend from this process. */
+export function renderers() {
+  if (process.platform !== "linux") return [];
   const processes = new Map();
   for (const pid of readdirSync("/proc").filter((name) => /^\d+$/.test(name))) {
     try {
       const status = readFileSync(`/proc/${pid}/status`, "utf8");
       const number = (key) => Number(new RegExp(`${key}:\\s+(\\d+)`).exec(status)?.[1] ?? 0);
-      processes.set(Number(pid), { parent: number("PPid"), mb: number("RssAnon") / 1024, command: readFileSync(`/proc/${pid}/cmdline`, "utf8") });
+      const command = readFileSync(`/proc/${pid}/cmdline`, "utf8");
+      processes.set(Number(pid), { parent: number("PPid"), own: number("RssAnon") / 1024, peak: number("VmHWM") / 1024, isRenderer: command.includes("--type=renderer") });
     } catch {
       // It has ended meanwhile.
     }
   }
   const descends = (pid) => pid === process.pid || (processes.has(pid) && descends(processes.get(pid).parent));
-  let sum = 0;
-  for (const [pid, { mb, command }] of processes) if (command.includes("--type=renderer") && descends(pid)) sum += mb;
-  return sum;
+  return [...processes].filter(([pid, { isRenderer }]) => isRenderer && descends(pid)).map(([, { own, peak }]) => ({ own, peak }));
+}
+
+/** Megabytes of their own that the browser's renderers hold together; not a number where the system does not tell. */
+export function renderersMb() {
+  return process.platform === "linux" ? renderers().reduce((sum, { own }) => sum + own, 0) : NaN;
 }

@@ -6,10 +6,9 @@
 // sorted list. Those from FIRST to before END in steps are the film, up to a hundred from END on are located. POSES, a list
 // of `NAME QW QX QY QZ TX TY TZ` (camera from world), and FOCAL give the film's frames their poses and their camera. Memory is the peak resident size of
 // the page's process. CHROME names the browser.
-import { readFileSync } from "node:fs";
 import { readdir } from "node:fs/promises";
 import { basename, join, normalize, resolve } from "node:path";
-import { blankPage, root } from "./blank_page.mjs";
+import { blankPage, renderers, root } from "./blank_page.mjs";
 import { range } from "./map_film.mjs";
 import { readPoses } from "./pose_list.mjs";
 
@@ -35,22 +34,6 @@ const { page, browser, close } = await blankPage((path) => {
 page.on("console", (message) => console.error(message.text()));
 page.on("pageerror", (error) => console.error(error));
 
-/** The largest peak of the browser's page processes in MB, as Linux counts it; undefined elsewhere. */
-async function peak() {
-  if (process.platform !== "linux") return undefined;
-  const all = [];
-  for (const id of await readdir("/proc")) {
-    if (!/^\d+$/.test(id)) continue;
-    try {
-      if (!readFileSync(`/proc/${id}/cmdline`, "utf8").includes("--type=renderer")) continue;
-      all.push(Number(/VmHWM:\s+(\d+)/.exec(readFileSync(`/proc/${id}/status`, "utf8"))[1]) / 1024);
-    } catch {
-      // The process ended while it was read.
-    }
-  }
-  return Math.round(Math.max(...all));
-}
-
 console.error(`Chromium ${browser.version()}, ${film.length} frames of film, ${test.length} to be located`);
 const result = await page.evaluate(
   async ({ names, film, test, poses, focal }) => {
@@ -62,7 +45,8 @@ const result = await page.evaluate(
   },
   { names, film, test, poses, focal: Number(focal) },
 );
-console.error(`the page's process: at most ${await peak()} MB`);
+const peaks = renderers().map(({ peak }) => peak);
+if (peaks.length > 0) console.error(`the page's process: at most ${Math.round(Math.max(...peaks))} MB`);
 const named = (rows) => rows.map(({ name, pose }) => ({ name: names[Number(name)], pose }));
 console.log(JSON.stringify({ placed: named(result.placed), found: named(result.found) }));
 await close();

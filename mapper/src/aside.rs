@@ -12,8 +12,8 @@ pub struct Aside {
 }
 
 impl Aside {
-    /// Puts a folder aside if it is there, or takes over what a run that was killed had put aside. It may hold nothing but files of the names in `known`: whatever else lies there is
-    /// somebody's, and not for us to move.
+    /// Puts a folder aside if it is there, or takes over what a run that was killed had put aside. It may hold nothing but files of
+    /// the names in `known`: whatever else lies there is somebody's, and not for us to move.
     ///
     /// # Errors
     /// [`io::ErrorKind::AlreadyExists`] that names what is not known; others of the operating system, with the path in the text.

@@ -291,6 +291,7 @@ mod tests {
         ));
         std::fs::remove_dir_all(&folder).expect("exists");
     }
+
     #[test]
     fn numbers_that_are_none_and_sizes_beyond_memory_are_refused() {
         type Change = fn(&mut FeatureSet);

@@ -138,6 +138,11 @@ impl CamFromWorld {
         -(self.rotation.transpose() * self.translation)
     }
 
+    /// Where the picture's upper edge points in the world, of unit length.
+    pub fn up_in_world(&self) -> Vector3<f64> {
+        -self.rotation.row(1).transpose()
+    }
+
     /// Pose error as the field reports it: distance of the camera positions and angle of the rotations (radians).
     pub fn error_to(&self, truth: &Self) -> (f64, f64) {
         (

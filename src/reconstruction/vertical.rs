@@ -97,10 +97,8 @@ impl Plane {
 /// # Errors
 /// [`NoVertical`]: the pictures do not tell it.
 pub fn vertical(views: &[PosedView<'_>]) -> Result<Vertical, NoVertical> {
-    let tops = views
-        .iter()
-        .map(|v| -v.cam_from_world.rotation.row(1).transpose());
-    let mean: Vector3<f64> = tops.sum::<Vector3<f64>>() / views.len().max(1) as f64;
+    let ups = views.iter().map(|v| v.cam_from_world.up_in_world());
+    let mean: Vector3<f64> = ups.sum::<Vector3<f64>>() / views.len().max(1) as f64;
     if !(mean.norm() >= MIN_AGREEING) {
         return Err(NoVertical::TurnedAllWays);
     }
@@ -112,14 +110,15 @@ pub fn vertical(views: &[PosedView<'_>]) -> Result<Vertical, NoVertical> {
         .collect();
     let weight = |d: &Vector3<f64>| -> f64 { tried.iter().map(|p| p.agreement(d)).sum() };
     let trials = trials(&tried, &rough);
-    let weighed = || trials.iter().map(|d| (weight(d), *d));
+    let weighed: Vec<_> = trials.iter().map(|d| (weight(d), *d)).collect();
     let by_weight = |a: &(f64, Vector3<f64>), b: &(f64, Vector3<f64>)| a.0.total_cmp(&b.0);
-    let Some((_, first)) = weighed().max_by(by_weight) else {
+    let Some((_, first)) = weighed.iter().copied().max_by(by_weight) else {
         return Err(NoVertical::FewSegments { found: 0 });
     };
     let up = fitted(&planes, first);
     let best = weight(&up);
-    let other = weighed()
+    let other = weighed
+        .into_iter()
         .filter(|(_, d)| d.cross(&up).norm() > APART_SIN)
         .max_by(by_weight);
     let found = vertical_of(&planes, up);
@@ -182,11 +181,7 @@ fn trials(planes: &[&Plane], rough: &Vector3<f64>) -> Vec<Vector3<f64>> {
             continue;
         }
         let common = common.normalize();
-        let up = if common.dot(rough) < 0.0 {
-            -common
-        } else {
-            common
-        };
+        let up = towards(common, rough);
         if up.cross(rough).norm() < MAX_TILT_SIN {
             trials.push(up);
         }
@@ -207,13 +202,18 @@ fn fitted(planes: &[Plane], start: Vector3<f64>) -> Vector3<f64> {
         if !(next.norm() > 0.5) {
             break;
         }
-        up = if next.dot(&up) < 0.0 {
-            -next.into_owned()
-        } else {
-            next.into_owned()
-        };
+        up = towards(next.into_owned(), &up);
     }
     up
+}
+
+/// A direction, or its opposite where that is nearer to the other.
+fn towards(direction: Vector3<f64>, other: &Vector3<f64>) -> Vector3<f64> {
+    if direction.dot(other) < 0.0 {
+        -direction
+    } else {
+        direction
+    }
 }
 
 fn vertical_of(planes: &[Plane], up: Vector3<f64>) -> Vertical {

@@ -147,10 +147,10 @@ impl Start {
     }
 
     /// What may be wrong with a given camera, `own` being the scene's: its principal point, where that is not the scene's own in a
-    /// picture of this size, its distortion, where that is not the scene's, and its ratio of focal lengths. A picture of the scene's own shape should have the scene's ratio, one of
-    /// another shape that ratio where it is a part of a picture, which is asked about, and a stretched one where it was squeezed, which
-    /// nobody says by mistake. The ratio is mended by the one focal length, and by the other; before a flat wall both may do as well,
-    /// and what is nearer to the scene's own camera comes first.
+    /// picture of this size, its distortion, where that is not the scene's, and its ratio of focal lengths. A picture of the scene's
+    /// own shape should have the scene's ratio, one of another shape that ratio where it is a part of a picture, which is asked about,
+    /// and a stretched one where it was squeezed, which nobody says by mistake. The ratio is mended by the one focal length, and by
+    /// the other; before a flat wall both may do as well, and what is nearer to the scene's own camera comes first.
     fn doubts(own: &Camera, camera: &Camera) -> [Option<Self>; MAX_REST] {
         let doubted = |camera| Self {
             camera,

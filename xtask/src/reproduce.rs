@@ -1,6 +1,6 @@
 //! `cargo xtask reproduce`: whether the shipped binaries are built again, byte for byte, in another place.
 
-use crate::{paths, shell, web};
+use crate::{paths, setup, shell, web};
 use anyhow::{Context as _, Result, bail};
 use sha2::{Digest as _, Sha256};
 use std::fmt;
@@ -102,10 +102,7 @@ fn read(dir: &Path, name: &str) -> Result<Vec<u8>> {
 }
 
 fn sha256(bytes: &[u8]) -> String {
-    Sha256::digest(bytes)
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect()
+    setup::hex(&Sha256::digest(bytes))
 }
 
 /// Where two files begin to differ.

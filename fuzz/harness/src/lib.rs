@@ -11,10 +11,9 @@ mod seeds;
 pub use explore::{Find, Tried, explore};
 pub use mutate::mutated;
 
-use clap::Parser;
 use landline::formats::{TextFile, colmap as model, list};
 use landline::scene_file::{ExtractorFile, SceneFile};
-use landline_mapper::dataset::{DataArgs, Dataset, open};
+use landline_mapper::dataset::{DataArgs, Dataset, open, parse_camera};
 use landline_mapper::import::checkpoint::Checkpoint;
 use landline_mapper::import::pickle::Arena;
 use landline_mapper::labels::Labels;
@@ -173,12 +172,12 @@ fn pose_list(bytes: &[u8]) -> bool {
         return false;
     }
     thread_local!(static FOLDER: Folder = Folder::of(&[("a.png", &seeds::picture()[0])]));
-    FOLDER.with(|f| reads(&f.with("poses.txt", bytes), &["--camera", seeds::CAMERA]))
+    FOLDER.with(|f| reads(&f.with("poses.txt", bytes), Some(seeds::CAMERA)))
 }
 
 fn transforms(bytes: &[u8]) -> bool {
     thread_local!(static FOLDER: Folder = Folder::of(&[("a.png", &seeds::picture()[0])]));
-    FOLDER.with(|f| reads(&f.with("transforms.json", bytes), &[]))
+    FOLDER.with(|f| reads(&f.with("transforms.json", bytes), None))
 }
 
 fn tum(bytes: &[u8]) -> bool {
@@ -188,7 +187,7 @@ fn tum(bytes: &[u8]) -> bool {
     ]));
     FOLDER.with(|f| {
         f.with("groundtruth.txt", bytes);
-        reads(&f.0, &["--camera", seeds::CAMERA])
+        reads(&f.0, Some(seeds::CAMERA))
     })
 }
 
@@ -199,7 +198,7 @@ fn ace_pose(bytes: &[u8]) -> bool {
     ]));
     FOLDER.with(|f| {
         f.with("train/poses/a.txt", bytes);
-        reads(&f.0, &[])
+        reads(&f.0, None)
     })
 }
 
@@ -237,22 +236,12 @@ fn colmap_points(bytes: &[u8]) -> bool {
     model::points_of_bytes(FILE, bytes).is_ok() && FOLDER.with(|f| f.reads_with(FILE, bytes))
 }
 
-#[derive(Parser)]
-struct Line {
-    #[command(flatten)]
-    data: DataArgs,
-}
-
-/// Reads a data set; what is accepted has to make sense.
-fn reads(data: &Path, options: &[&str]) -> bool {
-    thread_local!(static NONE: DataArgs = Line::parse_from(["fuzz", "."]).data);
-    // The command line takes longer than the file.
-    let mut args = if options.is_empty() {
-        NONE.with(Clone::clone)
-    } else {
-        Line::parse_from(["fuzz", "."].iter().chain(options)).data
+/// Reads a data set, with a camera told or none; what is accepted has to make sense.
+fn reads(data: &Path, camera: Option<&str>) -> bool {
+    let args = DataArgs {
+        camera: camera.map(|text| parse_camera(text).expect("a right camera")),
+        ..DataArgs::of(data.to_owned())
     };
-    args.data = data.to_owned();
     open(&args).is_ok_and(|dataset| {
         check(&dataset);
         true
@@ -313,7 +302,7 @@ impl Folder {
     /// Whether the folder is a data set with this file.
     fn reads_with(&self, name: &str, bytes: &[u8]) -> bool {
         self.with(name, bytes);
-        reads(&self.0, &[])
+        reads(&self.0, None)
     }
 
     /// Writes a file; returns its path.

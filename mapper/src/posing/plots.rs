@@ -25,8 +25,9 @@ impl Axes {
     /// Up as the pictures have it in the mean: people film upright, and nothing else is known of it here.
     pub(super) fn of(component: &Component) -> Self {
         let poses: Vec<&CamFromWorld> = component.cam_from_world.iter().flatten().collect();
-        let tops = poses.iter().map(|p| -p.rotation.row(1).transpose());
-        let up = tops
+        let up = poses
+            .iter()
+            .map(|p| p.up_in_world())
             .sum::<Vector3<f64>>()
             .try_normalize(1e-9)
             .unwrap_or(-Vector3::y());

@@ -16,7 +16,7 @@ use std::time::Instant;
 
 pub(crate) use browser::{Browser, installed_chromium};
 pub(crate) use native::{fast_tool, note_tests, tests_have_run, tool as native_tool};
-pub(crate) use node::{Node, tool as node_tool};
+pub(crate) use node::{Node, hex, tool as node_tool};
 pub(crate) use wasm_bindgen::WasmBindgen;
 pub(crate) use weights::Weights;
 

@@ -67,6 +67,7 @@ pub(crate) fn tool(path_in_node_modules: &str) -> Command {
     command
 }
 
-pub(super) fn hex(bytes: &[u8]) -> String {
+/// Two digits a byte.
+pub(crate) fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -2,7 +2,7 @@
 
 use super::config::{Build, BuildConfig};
 use crate::files::files;
-use crate::setup::{WebTools, node_tool};
+use crate::setup::{WebTools, hex, node_tool};
 use crate::{paths, shell};
 use anyhow::{Context as _, Result, bail};
 use sha2::{Digest as _, Sha256};
@@ -121,11 +121,7 @@ fn key(wasm_opt: &[&String], tools: &WebTools, raw: &Path) -> Result<String> {
     }
     hash.update(&tools.node.lock_hash);
     hash.update(tools.wasm_bindgen.cli.to_string_lossy().as_bytes());
-    Ok(hash
-        .finalize()
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect())
+    Ok(hex(&hash.finalize()))
 }
 
 /// Folders of this machine that source paths in a binary begin with, and what stands for them.
